@@ -1,0 +1,91 @@
+"""`policy_build`: solve a mission file and write its policy set."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import time
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+from uav_mission_manager.cli.errors import one_line_errors
+from uav_mission_manager.mdp import load_mission
+from uav_mission_manager.policy import METHODS, Policy, build_policy
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the command."""
+    parser = argparse.ArgumentParser(
+        prog='policy_build', description='Solve a mission and write its policy set.'
+    )
+    parser.add_argument('mission', help='mission file (YAML)')
+    parser.add_argument('--out', required=True, help='directory of the policy set')
+    parser.add_argument('--method', choices=METHODS, default='exact', help='default: %(default)s')
+    parser.add_argument(
+        '--tolerance',
+        type=float,
+        default=1e-7,
+        help='largest distance of V from V* of each sub-MDP, in cost; default: %(default)g',
+    )
+    parser.add_argument('--json', action='store_true', help='print the summary as JSON')
+    options = parser.parse_args(args)
+    with one_line_errors('policy_build'):
+        return _build(options)
+
+
+def _build(options: argparse.Namespace) -> int:
+    start = time.perf_counter()
+    mission = load_mission(options.mission)
+    console = Console(stderr=True)
+    columns = TextColumn('{task.description}'), BarColumn(), TimeElapsedColumn()
+    with Progress(*columns, console=console, transient=True) as progress:
+        tasks: dict[int, tuple[TaskID, float]] = {}
+
+        def on_sweep(position: int, sweep: int, bound: float) -> None:
+            """Show the progress of the bound on a logarithmic scale."""
+            if position not in tasks:
+                tasks[position] = (progress.add_task(''), bound)
+            task, first = tasks[position]
+            done = _decades(first, bound) / max(_decades(first, options.tolerance), 1e-9)
+            text = f'sub-MDP {position + 1}: sweep {sweep}, within {bound:.1e} of V*'
+            progress.update(task, completed=100 * min(done, 1.0), description=text)
+
+        policy = build_policy(mission, options.method, options.tolerance, on_sweep)
+    policy.save(options.out)
+    summary = {
+        **policy.info,
+        'seconds': round(time.perf_counter() - start, 3),
+        'bytes': sum(file.stat().st_size for file in Path(options.out).iterdir()),
+        'out': options.out,
+    }
+    print(json.dumps(summary) if options.json else _describe(policy, summary))
+    return 0
+
+
+def _decades(first: float, bound: float) -> float:
+    return math.log10(first / bound) if first > 0 < bound else 0.0
+
+
+def _describe(policy: Policy, summary: dict) -> str:
+    sizes = sorted(set(summary['sub_mdp_states']))
+    return '\n'.join(
+        [
+            f'{summary["out"]}: policy of mission {summary["mission"]}, method {policy.method}',
+            f'  states      {summary["states"]:,} in the mission, {summary["goals"]} goals',
+            f'  sub-MDPs    {summary["sub_mdps"]} of {", ".join(f"{n:,}" for n in sizes)} states',
+            f'  sweeps      {", ".join(map(str, summary["iterations"]))}',
+            f'  residual    {summary["residual"]:.2e}',
+            f'  bounds      V{summary["lower"]:+.2e} <= V* <= V{summary["upper"]:+.2e}'
+            if policy.method == 'exact'
+            else f'  solved to   {summary["upper"]:.2e}, summed over the sub-MDPs',
+            f'  time        {summary["seconds"]} s',
+            f'  size        {summary["bytes"]:,} bytes, digest {summary["digest"][:12]}',
+        ]
+    )
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

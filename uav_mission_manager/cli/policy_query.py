@@ -1,0 +1,93 @@
+"""`policy_query`: what a policy does in one state, and why."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from uav_mission_manager.cli.errors import one_line_errors
+from uav_mission_manager.mdp import action_name, global_actions
+from uav_mission_manager.policy import Policy, load_policy
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the command."""
+    parser = argparse.ArgumentParser(
+        prog='policy_query', description='Show the Q values and the choice of a policy in a state.'
+    )
+    parser.add_argument('policy', help='directory of the policy set')
+    parser.add_argument(
+        '--state',
+        required=True,
+        help='f, r and g of each goal, l, c, t, m; for three goals "1,1,0,1,0,2,1,1,0,2,1"',
+    )
+    parser.add_argument('--json', action='store_true', help='print JSON')
+    options = parser.parse_args(args)
+    with one_line_errors('policy_query'):
+        policy = load_policy(options.policy)
+        answer = _answer(policy, _parse_state(options.state))
+        if options.json:
+            print(json.dumps(answer, allow_nan=False))
+        else:
+            _print(policy, answer)
+        return 0
+
+
+def _parse_state(text: str) -> list[int]:
+    try:
+        return [int(part) for part in text.replace(',', ' ').split()]
+    except ValueError:
+        raise ValueError(f'--state: {text!r} is not a list of whole numbers') from None
+
+
+def _answer(policy: Policy, state: list[int]) -> dict[str, Any]:
+    decision = policy.decide(state)
+    mission = policy.mission
+    parts = zip(policy.solutions, policy.part_values(np.array(state))[0])
+    return {
+        'state': dict(zip(policy.space.names, state)),
+        'actions': [
+            {
+                'number': action.number,
+                'action': action_name(mission, action),
+                'q': q if math.isfinite(q) else None,
+            }
+            for action, q in zip(global_actions(mission), decision.values)
+        ],
+        'choice': decision.action.number,
+        'runner_up': decision.runner_up.number if decision.runner_up else None,
+        'margin': decision.margin if decision.runner_up else None,
+        'reason': decision.reason,
+        'lower_bound': decision.lower_bound,
+        'sub_mdps': [
+            {'goals': [mission.goals[j].name for j in solution.sub.goals], 'value': float(value)}
+            for solution, value in parts
+        ],
+    }
+
+
+def _print(policy: Policy, answer: dict[str, Any]) -> None:
+    console = Console(width=None if Console().is_terminal else 100)
+    console.print('state ' + ' '.join(f'{name}={x}' for name, x in answer['state'].items()))
+    table = Table('number', 'action', 'Q', '', title=f'{policy.mission.name}, {policy.method}')
+    marks = {answer['choice']: 'choice', answer['runner_up']: 'runner-up'}
+    for action in answer['actions']:
+        allowed = action['q'] is not None
+        q = f'{action["q"]:.6f}' if allowed else ''
+        mark = marks.get(action['number'], '') if allowed else 'not allowed'
+        table.add_row(str(action['number']), action['action'], q, mark)
+    console.print(table)
+    console.print(f'why: {answer["reason"]}', highlight=False)
+    console.print(f'lower bound on V*: {answer["lower_bound"]:.6f}')
+    for part in answer['sub_mdps']:
+        console.print(f'sub-MDP of {", ".join(part["goals"])}: V = {part["value"]:.6f}')
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

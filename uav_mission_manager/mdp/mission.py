@@ -1,0 +1,211 @@
+"""The mission: every number the MDP is made of, as immutable data.
+
+A mission file (see `uav_mission_manager.mdp.mission_file`) is read into these classes; nothing
+else in the package holds model parameters.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from uav_mission_manager.mdp.grid import Grid
+
+Row = tuple[float, ...]
+Matrix = tuple[Row, ...]
+
+FAULT_MODES = (
+    'nominal',
+    'sensor',
+    'actuator',
+    'sensor_actuator',
+    'camera',
+    'sensor_camera',
+    'actuator_camera',
+    'all',
+)
+"""Names of f = 1..8: 1 + sensor + 2 actuator + 4 camera, each bit 1 when that part has failed."""
+
+THREAT_LEVELS = ('none', 'low', 'high')
+"""Names of t = 0, 1, 2."""
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A goal: where it is and what it costs to leave it undone.
+
+    Attributes
+    ----------
+    name : str
+        Unique, without white space.
+    cell : int
+        Grid cell.
+    eta, delta : float
+        Cost an epoch and unit of priority while the goal is in range but not committed to, and
+        while it is out of range (the paper's eta_j and delta_j).
+    priority_transition : tuple of 3 rows of 3
+        P(g' | g); rows from 0 (achieved), 1 (low), 2 (high).
+    """
+
+    name: str
+    cell: int
+    eta: float
+    delta: float
+    priority_transition: Matrix
+
+
+@dataclass(frozen=True)
+class Parts:
+    """A number for each part that can fail, from the lowest bit of f - 1 to the highest."""
+
+    sensor: float
+    actuator: float
+    camera: float
+
+
+@dataclass(frozen=True)
+class ByMode:
+    """A number for flight in normal and in agile mode."""
+
+    normal: float
+    agile: float
+
+
+@dataclass(frozen=True)
+class Faults:
+    """Failure, repair and what the fault mode f does to the mission.
+
+    Attributes
+    ----------
+    rate, agile_factor : Parts
+        Failure probability an epoch in normal flight, and its factor in agile flight.
+    repair_success : float
+        P(f' = 1) of one repair at the service cell.
+    completion : tuple of 8
+        P(goal completed in one epoch on site | f).
+    cost : tuple of 8
+        phi(f), cost an epoch.
+    """
+
+    rate: Parts
+    agile_factor: Parts
+    repair_success: float
+    completion: Row
+    cost: Row
+
+
+@dataclass(frozen=True)
+class Range:
+    """Loss of range: P(r_j: 1 -> 0) an epoch in flight, and the cost beta of lost range."""
+
+    loss: ByMode
+    cost: float
+
+
+@dataclass(frozen=True)
+class Threat:
+    """The threat level's Markov chain and its cost.
+
+    Attributes
+    ----------
+    onset : float
+        P(t: 0 -> 1 or 2) an epoch in an ordinary cell.
+    zones : tuple of (cell, onset)
+        Cells with an onset of their own.
+    high_share : float
+        Share of onsets that are high.
+    from_low, from_high : tuple of 3
+        P(t' | t = 1) and P(t' | t = 2).
+    cost : tuple of 3 rows of 2
+        p(t, m); columns normal, agile.
+    """
+
+    onset: float
+    zones: tuple[tuple[int, float], ...]
+    high_share: float
+    from_low: Row
+    from_high: Row
+    cost: Matrix
+
+
+@dataclass(frozen=True)
+class ServiceCost:
+    """Cost an epoch of recharge and of repair at the service cell."""
+
+    recharge: float = 0.0
+    repair: float = 0.0
+
+
+@dataclass(frozen=True)
+class Energy:
+    """Numbers of the range model (see `uav_mission_manager.onboard.range_model`).
+
+    Attributes
+    ----------
+    capacity, voltage, power : float
+        b_c [Ah], v [V], P [W].
+    speed : float
+        beta, cruise speed [m/s].
+    wind, wind_penalty : float
+        q, worst wind [m/s], and k1, range lost to it [m/(m/s)].
+    payload, payload_penalty : float
+        Payload mass [kg] and k2, range lost to it [m/kg].
+    """
+
+    capacity: float
+    voltage: float
+    power: float
+    speed: float
+    wind: float
+    wind_penalty: float
+    payload: float
+    payload_penalty: float
+
+
+@dataclass(frozen=True)
+class Mission:
+    """One UAV's mission with k goals.
+
+    Attributes
+    ----------
+    feasibility : {'strict', 'seed'}
+        Whether actions are allowed only where they make sense, or everywhere as in the paper.
+    distance_weight : float
+        Cost of a cell width between the UAV and its destination, an epoch.
+    energy : Energy or None
+        Needed on board, not to plan.
+    """
+
+    name: str
+    discount: float
+    feasibility: str
+    grid: Grid
+    goals: tuple[Goal, ...]
+    faults: Faults
+    range: Range
+    threat: Threat
+    distance_weight: float
+    service_cost: ServiceCost = ServiceCost()
+    energy: Energy | None = None
+
+    @property
+    def k(self) -> int:
+        """Number of goals."""
+        return len(self.goals)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the mission in the mission file's schema; reading it gives an equal mission."""
+        data = asdict(self)
+        data['threat']['zones'] = {str(cell): onset for cell, onset in self.threat.zones}
+        if self.grid.origin is None:
+            del data['grid']['origin']
+        if self.energy is None:
+            del data['energy']
+        return data
+
+    def digest(self) -> str:
+        """SHA-256 of the mission in canonical JSON."""
+        text = json.dumps(self.to_dict(), sort_keys=True, separators=(',', ':'))
+        return hashlib.sha256(text.encode()).hexdigest()

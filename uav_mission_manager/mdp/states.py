@@ -1,0 +1,89 @@
+"""The state s = [f, r_1..r_k, g_1..g_k, l, c, t, m] and its index."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+IntArray = NDArray[np.int64]
+
+
+class StateError(ValueError):
+    """States with a variable out of its range; the message names the variable and the value."""
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """All states of a mission with k goals on q cells.
+
+    A state is a row of 2k+5 integers; f counts from 1, all others from 0. The index runs over
+    the rows in lexicographic order, m fastest.
+    """
+
+    k: int
+    q: int
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of values of each variable."""
+        return (8, *(2,) * self.k, *(3,) * self.k, self.q, self.k + 1, 3, 2)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each variable."""
+        numbers = range(1, self.k + 1)
+        ranges, priorities = (tuple(f'{letter}{j}' for j in numbers) for letter in 'rg')
+        return ('f', *ranges, *priorities, 'l', 'c', 't', 'm')
+
+    @property
+    def size(self) -> int:
+        """Number of states: 8 * 2^k * 3^k * q * (k+1) * 3 * 2."""
+        return math.prod(self.shape)
+
+    def check(self, states: ArrayLike) -> IntArray:
+        """Return states as an integer array (N, 2k+5); one state becomes one row.
+
+        Raises
+        ------
+        StateError
+            If they have another number of variables or a value out of range.
+        """
+        rows = np.atleast_2d(np.asarray(states))
+        if rows.ndim != 2 or rows.shape[1] != len(self.shape):
+            raise StateError(
+                f'a state has {len(self.shape)} variables ({" ".join(self.names)}), '
+                f'not {rows.shape[-1]}'
+            )
+        if not np.issubdtype(rows.dtype, np.integer):
+            raise StateError(f'states are integers, not {rows.dtype}')
+        low = np.array([1] + [0] * (len(self.shape) - 1))
+        bad = np.argwhere((rows < low) | (rows >= low + self.shape))
+        if bad.size:
+            row, column = bad[0]
+            top = low[column] + self.shape[column] - 1
+            raise StateError(
+                f'{self.names[column]} = {rows[row, column]} is outside {low[column]}..{top}'
+            )
+        return rows.astype(np.int64, copy=False)
+
+    def index(self, states: ArrayLike) -> IntArray:
+        """Index of each state, shape (N,). Raises `StateError`."""
+        digits = self.check(states).T.copy()
+        digits[0] -= 1
+        return np.asarray(np.ravel_multi_index(tuple(digits), self.shape), dtype=np.int64)
+
+    def states(self, indices: ArrayLike | None = None) -> IntArray:
+        """States of indices, shape (N, 2k+5); all of them by default."""
+        chosen = np.arange(self.size) if indices is None else np.asarray(indices)
+        rows = np.stack(np.unravel_index(chosen, self.shape), axis=-1).astype(np.int64)
+        rows[..., 0] += 1
+        return rows
+
+    def columns(self, rows: IntArray, goals: Sequence[int]) -> tuple[IntArray, IntArray]:
+        """Columns r and g of the given goals (counted from 0), each of shape (N, len(goals))."""
+        chosen = np.asarray(goals, dtype=np.intp)
+        return rows[:, 1 + chosen], rows[:, 1 + self.k + chosen]

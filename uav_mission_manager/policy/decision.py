@@ -1,0 +1,91 @@
+"""One decision: the action of least expected cost, and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uav_mission_manager.mdp import (
+    FAULT_MODES,
+    THREAT_LEVELS,
+    Action,
+    Mission,
+    action_name,
+    global_actions,
+)
+from uav_mission_manager.solver import choose
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What to do in a state.
+
+    Attributes
+    ----------
+    state : tuple of int
+        [f r.. g.. l c t m].
+    action, runner_up : Action, Action or None
+        The choice, and the best of the rest; None where nothing else is allowed.
+    values : tuple of float
+        Q of each of the 2k+4 actions; inf where not allowed.
+    margin : float
+        Q of the runner-up less Q of the choice; inf without a runner-up.
+    lower_bound : float
+        Guaranteed lower bound on the optimal cost V*(s).
+    reason : str
+        One line for people.
+    """
+
+    state: tuple[int, ...]
+    action: Action
+    runner_up: Action | None
+    values: tuple[float, ...]
+    margin: float
+    lower_bound: float
+    reason: str
+
+
+def decide(
+    mission: Mission, state: list[int], values: NDArray[np.float64], lower_bound: float
+) -> Decision:
+    """Choose by the Q values (2k+4,) of a state and say why."""
+    actions = global_actions(mission)
+    number = int(choose(values[None])[0])
+    rest = values.copy()
+    rest[number - 1] = np.inf
+    second = int(rest.argmin())
+    runner_up = actions[second] if np.isfinite(rest[second]) else None
+    margin = float(rest[second] - values[number - 1])
+    reason = _motive(mission, state, actions[number - 1])
+    reason += f'; expected cost {values[number - 1]:.4g}'
+    if runner_up is not None:
+        reason += f', {margin:.2g} below {action_name(mission, runner_up)}'
+    return Decision(
+        state=tuple(state),
+        action=actions[number - 1],
+        runner_up=runner_up,
+        values=tuple(values.tolist()),
+        margin=margin,
+        lower_bound=lower_bound,
+        reason=reason,
+    )
+
+
+def _motive(mission: Mission, state: list[int], action: Action) -> str:
+    k = mission.k
+    ranges, priorities = state[1 : 1 + k], state[1 + k : 1 + 2 * k]
+    if action.kind == 'commit':
+        goal, level = mission.goals[action.goal - 1], ('no', 'low', 'high')
+        motive = f'{goal.name} has {level[priorities[action.goal - 1]]} priority'
+    elif action.kind == 'recharge':
+        lost = [goal.name for goal, r in zip(mission.goals, ranges) if not r]
+        motive = f'out of range: {", ".join(lost) or "none"}'
+    elif action.kind == 'repair':
+        motive = f'fault mode {FAULT_MODES[state[0] - 1]}'
+    elif not any(priorities):
+        motive = 'no goal is wanted'
+    else:
+        motive = 'no goal is worth flying to now'
+    return f'{motive}, threat {THREAT_LEVELS[state[-2]]}' if action.agile else motive

@@ -1,0 +1,175 @@
+"""Policy sets on disk: a directory with `manifest.json` and one `.npy` file an array.
+
+The manifest holds the schema version, the whole mission and its hash, the method, and for each
+sub-MDP what it is, how well it is solved and the SHA-256 of its arrays; `digest` is the SHA-256
+of all the rest of the manifest. There is no date, so the same mission gives the same bytes.
+A set is written beside its place and renamed into it, never half-written.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uav_mission_manager.mdp import Mission, MissionError, mission_from_dict
+from uav_mission_manager.solver import BellmanOperator, Solution, SubMdp, Value
+
+SCHEMA = 1
+MANIFEST = 'manifest.json'
+ARRAYS = ('free', 'on_site')
+QUALITY = ('lower', 'upper', 'residual', 'iterations', 'converged')
+
+
+class PolicyError(ValueError):
+    """A policy set that cannot be used or written; the message names the file and the field."""
+
+
+@dataclass(frozen=True)
+class PolicySet:
+    """What a policy set holds: a mission and its solved sub-MDPs in the method's order."""
+
+    mission: Mission
+    method: str
+    solutions: tuple[Solution, ...]
+
+
+def write_policy_set(contents: PolicySet, directory: Path) -> str:
+    """Write a policy set, replacing one that is there; return its digest.
+
+    Raises
+    ------
+    PolicyError
+        If the place holds something that is no policy set, or cannot be written.
+    """
+    if directory.exists() and not (directory / MANIFEST).is_file() and not _empty(directory):
+        raise PolicyError(f'{directory}: exists and is no policy set; not overwritten')
+    try:
+        directory.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=directory.parent, prefix='.policy-') as scratch:
+            fresh = Path(scratch, 'fresh')
+            fresh.mkdir()
+            digest = _write(contents, fresh)
+            if directory.exists():
+                directory.rename(Path(scratch, 'replaced'))
+            fresh.rename(directory)
+    except OSError as error:
+        raise PolicyError(f'{directory}: cannot be written: {error}') from error
+    return digest
+
+
+def read_policy_set(directory: Path) -> tuple[PolicySet, str]:
+    """Read and check a policy set, and its digest; the arrays are memory-mapped.
+
+    Raises
+    ------
+    PolicyError
+        At a wrong schema, hash, shape or mission.
+    """
+    place = directory / MANIFEST
+    manifest = _read_manifest(place)
+    try:
+        mission = mission_from_dict(manifest['mission'], str(place))
+        if mission.digest() != manifest['mission_sha256']:
+            raise PolicyError(f'{place}: mission_sha256: does not match the mission')
+        solutions = tuple(_read_part(directory, mission, part) for part in manifest['sub_mdps'])
+    except MissionError as error:
+        raise PolicyError(str(error)) from error
+    except (KeyError, TypeError) as error:
+        raise PolicyError(f'{place}: a field is missing or of the wrong type: {error}') from error
+    return PolicySet(mission, str(manifest['method']), solutions), str(manifest['digest'])
+
+
+def _empty(directory: Path) -> bool:
+    return directory.is_dir() and not any(directory.iterdir())
+
+
+def _digest(manifest: dict[str, Any]) -> str:
+    rest = {key: value for key, value in manifest.items() if key != 'digest'}
+    return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
+
+
+def _write(contents: PolicySet, directory: Path) -> str:
+    manifest: dict[str, Any] = {
+        'schema': SCHEMA,
+        'method': contents.method,
+        'mission': contents.mission.to_dict(),
+        'mission_sha256': contents.mission.digest(),
+        'sub_mdps': [
+            _write_part(directory, position, solution)
+            for position, solution in enumerate(contents.solutions)
+        ],
+    }
+    manifest['digest'] = _digest(manifest)
+    (directory / MANIFEST).write_text(json.dumps(manifest, indent=1, sort_keys=True) + '\n')
+    return str(manifest['digest'])
+
+
+def _write_part(directory: Path, position: int, solution: Solution) -> dict[str, Any]:
+    arrays = {}
+    for name in ARRAYS:
+        file = directory / f'{position}_{name}.npy'
+        np.save(file, getattr(solution.value, name), allow_pickle=False)
+        arrays[name] = {
+            'file': file.name,
+            'sha256': hashlib.sha256(file.read_bytes()).hexdigest(),
+        }
+    sub = solution.sub
+    return {
+        'goals': [sub.mission.goals[j].name for j in sub.goals],
+        'actions': list(sub.numbers),
+        'share': sub.share,
+        **{name: getattr(solution, name) for name in QUALITY},
+        'arrays': arrays,
+    }
+
+
+def _read_manifest(place: Path) -> dict[str, Any]:
+    try:
+        manifest = json.loads(place.read_text(encoding='utf-8'))
+    except OSError as error:
+        raise PolicyError(f'{place}: cannot be read: {error}') from error
+    except ValueError as error:
+        raise PolicyError(f'{place}: not valid JSON: {error}') from error
+    if not isinstance(manifest, dict) or manifest.get('schema') != SCHEMA:
+        raise PolicyError(f'{place}: schema: is not {SCHEMA}')
+    if manifest.get('digest') != _digest(manifest):
+        raise PolicyError(f'{place}: digest: does not match the manifest; it was altered')
+    return manifest
+
+
+def _read_part(directory: Path, mission: Mission, part: dict[str, Any]) -> Solution:
+    names = [goal.name for goal in mission.goals]
+    goals = tuple(names.index(name) for name in part['goals'])
+    sub = SubMdp(mission, goals, tuple(part['actions']), part['share'])
+    expected = BellmanOperator(sub).zero()
+    arrays = {
+        name: _read_array(directory, part['arrays'][name], getattr(expected, name).shape)
+        for name in ARRAYS
+    }
+    return Solution(
+        sub=sub,
+        value=Value(**arrays),
+        **{name: part[name] for name in QUALITY},
+    )
+
+
+def _read_array(
+    directory: Path, entry: dict[str, str], shape: tuple[int, ...]
+) -> NDArray[np.float64]:
+    file = directory / entry['file']
+    try:
+        if hashlib.sha256(file.read_bytes()).hexdigest() != entry['sha256']:
+            raise PolicyError(f'{file}: sha256: does not match the manifest; the file was altered')
+        array = np.load(file, mmap_mode='r', allow_pickle=False)
+    except OSError as error:
+        raise PolicyError(f'{file}: cannot be read: {error}') from error
+    if array.shape != shape or array.dtype != np.float64:
+        raise PolicyError(f'{file}: {array.dtype} {array.shape} is not float64 {shape}')
+    return np.asarray(array)

@@ -1,0 +1,27 @@
+"""Solving the mission: sub-MDPs, Bellman backup, value iteration, recombination."""
+
+from uav_mission_manager.solver.bellman import BellmanOperator, LookAhead, Value
+from uav_mission_manager.solver.recombination import best_value, choose, highest_priority, summed
+from uav_mission_manager.solver.submdp import (
+    SubMdp,
+    goal_sub_mdps,
+    split_sub_mdps,
+    whole_mission,
+)
+from uav_mission_manager.solver.value_iteration import Solution, value_iteration
+
+__all__ = [
+    'BellmanOperator',
+    'LookAhead',
+    'Solution',
+    'SubMdp',
+    'Value',
+    'best_value',
+    'choose',
+    'goal_sub_mdps',
+    'highest_priority',
+    'split_sub_mdps',
+    'summed',
+    'value_iteration',
+    'whole_mission',
+]

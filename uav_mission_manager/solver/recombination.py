@@ -1,0 +1,78 @@
+"""Recombination: from the Q values of sub-MDPs to one Q a global action (Algorithm 2).
+
+Each rule takes the global states (N, 2k+5) and, for every sub-MDP, its Q values (N, its
+actions), and returns (N, 2k+4): the Q values by which the action is chosen, inf for actions the
+rule does not consider.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uav_mission_manager.solver.bellman import FloatArray
+from uav_mission_manager.solver.submdp import SubMdp
+
+TIE = 1e-9
+"""Actions within this of the minimum, relative to it, tie."""
+
+
+def summed(
+    subs: Sequence[SubMdp], states: NDArray[np.int64], tables: Sequence[FloatArray]
+) -> FloatArray:
+    """Sum of the sub-MDPs' Q values (Q-decomposition, Russell and Zimdars 2003)."""
+    total = np.zeros(_shape(subs, states))
+    for sub, table in zip(subs, tables):
+        total += _by_global_number(sub, table)
+    return total
+
+
+def best_value(
+    subs: Sequence[SubMdp], states: NDArray[np.int64], tables: Sequence[FloatArray]
+) -> FloatArray:
+    """Q values of the sub-MDP with the best value (the paper's `ActionCalc_with_values`)."""
+    values = np.stack([table.min(axis=1) for table in tables])
+    return _of_one(subs, states, tables, values.argmin(axis=0))
+
+
+def highest_priority(
+    subs: Sequence[SubMdp], states: NDArray[np.int64], tables: Sequence[FloatArray]
+) -> FloatArray:
+    """Q values of the sub-MDP with the highest priority score, the largest eta_j g_j r_j."""
+    mission = subs[0].mission
+    k = mission.k
+    eta = np.array([goal.eta for goal in mission.goals])
+    scores = eta * states[:, 1 : 1 + k] * states[:, 1 + k : 1 + 2 * k]
+    ranks = np.stack([scores[:, list(sub.goals)].max(axis=1) for sub in subs])
+    return _of_one(subs, states, tables, ranks.argmax(axis=0))
+
+
+def choose(q_values: FloatArray) -> NDArray[np.int64]:
+    """Action numbers of least Q, shape (N,); of actions that tie the lowest number."""
+    least = q_values.min(axis=1, keepdims=True)
+    return np.argmax(q_values <= least + TIE * np.abs(least), axis=1) + 1
+
+
+def _shape(subs: Sequence[SubMdp], states: NDArray[np.int64]) -> tuple[int, int]:
+    return len(states), 2 * subs[0].mission.k + 4
+
+
+def _by_global_number(sub: SubMdp, table: FloatArray) -> FloatArray:
+    q = np.full((len(table), 2 * sub.mission.k + 4), np.inf)
+    q[:, np.array(sub.numbers) - 1] = table
+    return q
+
+
+def _of_one(
+    subs: Sequence[SubMdp],
+    states: NDArray[np.int64],
+    tables: Sequence[FloatArray],
+    chosen: NDArray[np.intp],
+) -> FloatArray:
+    q = np.empty(_shape(subs, states))
+    for position, (sub, table) in enumerate(zip(subs, tables)):
+        rows = chosen == position
+        q[rows] = _by_global_number(sub, table[rows])
+    return q

@@ -1,0 +1,105 @@
+"""Sub-MDPs: the mission seen through some of its goals.
+
+A sub-MDP tracks f, l, t and m, and of every goal in its cluster r_j, g_j and whether the UAV is
+committed to it. The whole mission is the sub-MDP of all goals.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uav_mission_manager.mdp.actions import Action, global_actions, local_actions
+from uav_mission_manager.mdp.mission import Mission
+
+
+@dataclass(frozen=True)
+class SubMdp:
+    """A sub-MDP.
+
+    Attributes
+    ----------
+    mission : Mission
+    goals : tuple of int
+        Goals tracked, counted from 0, ascending.
+    numbers : tuple of int
+        Numbers of the global actions it may choose from.
+    share : float
+        Its part of the costs all goals share: fault, distance, service and threat.
+    """
+
+    mission: Mission
+    goals: tuple[int, ...]
+    numbers: tuple[int, ...]
+    share: float = 1.0
+
+    @property
+    def n(self) -> int:
+        """Number of goals tracked."""
+        return len(self.goals)
+
+    @cached_property
+    def actions(self) -> tuple[Action, ...]:
+        """The actions it may choose from."""
+        everything = global_actions(self.mission)
+        return tuple(everything[number - 1] for number in self.numbers)
+
+    @property
+    def states(self) -> int:
+        """Number of states: 8 * 2^n * 3^n * q * (n+1) * 3 * 2."""
+        return 8 * 6**self.n * self.mission.grid.q * (self.n + 1) * 6
+
+    def slot(self, action: Action) -> int | None:
+        """Position in `goals` of the goal an action commits to, None where it tracks none."""
+        goal = action.goal - 1
+        return self.goals.index(goal) if goal in self.goals else None
+
+    def allowed(self, action: Action) -> NDArray[np.bool_]:
+        """Where the mission's feasibility rule allows an action, shape (8, 2^n, 3^n) over f, r, g.
+
+        A rule that asks for a goal that is not tracked does not restrict.
+        """
+        mission = self.mission
+        allowed = np.ones((8, 2**self.n, 3**self.n), dtype=bool)
+        if mission.feasibility == 'seed' or action.kind == 'none':
+            return allowed
+        if action.kind == 'commit':
+            able = np.array(mission.faults.completion) > 0
+            allowed &= able[:, None, None]
+            slot = self.slot(action)
+            if slot is not None:
+                allowed &= (self.flags()[slot] == 1)[:, None]
+                allowed &= self.priorities()[slot] > 0
+        elif action.kind == 'recharge':
+            if self.n == mission.k:
+                allowed &= (self.flags() == 0).any(axis=0)[:, None]
+        else:
+            allowed[0] = False
+        return allowed
+
+    def flags(self) -> NDArray[np.int64]:
+        """r_j for every joint range flag, shape (n, 2^n)."""
+        return np.indices((2,) * self.n).reshape(self.n, -1)
+
+    def priorities(self) -> NDArray[np.int64]:
+        """g_j for every joint priority, shape (n, 3^n)."""
+        return np.indices((3,) * self.n).reshape(self.n, -1)
+
+
+def whole_mission(mission: Mission) -> SubMdp:
+    """Return the mission itself as a sub-MDP."""
+    return SubMdp(mission, tuple(range(mission.k)), tuple(range(1, 2 * mission.k + 5)))
+
+
+def goal_sub_mdps(mission: Mission) -> tuple[SubMdp, ...]:
+    """Return the paper's goal-wise sub-MDPs: one goal, six local actions, all shared costs."""
+    return tuple(SubMdp(mission, (j,), local_actions(mission.k, j + 1)) for j in range(mission.k))
+
+
+def split_sub_mdps(mission: Mission) -> tuple[SubMdp, ...]:
+    """Return one sub-MDP a goal with every action kept and the shared costs split evenly."""
+    numbers = tuple(range(1, 2 * mission.k + 5))
+    return tuple(SubMdp(mission, (j,), numbers, 1.0 / mission.k) for j in range(mission.k))
