@@ -1,0 +1,63 @@
+# make demo | test | lint | bench | clean; `make help` explains.
+# Where rclpy is importable (ROS sourced), .venv sees it; elsewhere .venv gets the PyPI wheels.
+
+PYTHON ?= python3
+VENV ?= .venv
+RUN = $(VENV)/bin/python
+
+# A venv belongs to the ROS it was made for: sourcing another one makes it anew.
+READY = $(VENV)/ready-$(or $(ROS_DISTRO),wheels)
+REQUIREMENTS = requirements.txt requirements-dev.txt requirements-ros-wheels.txt
+INSTALL = $(RUN) -m pip install --quiet --disable-pip-version-check
+
+# Traffic stays on this machine, and runs beside each other do not hear each other.
+export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
+ifndef ROS_DOMAIN_ID
+export ROS_DOMAIN_ID := $(shell echo $$(( $$$$ % 100 + 1 )))
+endif
+
+# The wheels set these for their own venv only; another venv's would lead this one astray.
+ifdef _ROS_WHEELS_BOOTSTRAP_COMPLETE
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH
+endif
+
+.PHONY: help demo test lint bench clean
+
+help:
+	@echo 'make demo    fly a mission in simulation, on one terminal'
+	@echo 'make test    run the tests (ARGS="-k name" for some)'
+	@echo 'make lint    ruff and mypy'
+	@echo 'make bench   run the benchmarks'
+	@echo 'make clean   remove $(VENV), build results and caches'
+	@echo 'PYTHON=python3.12 VENV=.venv312 choose another interpreter and its own venv'
+
+demo: $(READY)
+	$(RUN) -m uav_mission_manager.cli.demo $(ARGS)
+
+test: $(READY)
+	$(RUN) -m pytest $(ARGS)
+
+lint: $(READY)
+	$(RUN) -m ruff check
+	$(RUN) -m mypy
+
+bench: $(READY)
+	@set -e; for script in $(wildcard benchmarks/*.py); do \
+	  echo "$$script"; PYTHONPATH="$(CURDIR)$${PYTHONPATH:+:$$PYTHONPATH}" $(RUN) "$$script" $(ARGS); \
+	done
+
+$(READY): $(REQUIREMENTS)
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
+	  { echo '$(PYTHON) is missing or older than 3.10: choose another with PYTHON=...' >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' || \
+	  { echo '$(PYTHON) cannot make a venv: sudo apt install python3-venv' >&2; exit 1; }
+	@echo 'Setting up $(VENV): a minute or two, once'
+	@if $(PYTHON) -c 'import rclpy' 2>/dev/null; then site=--system-site-packages; fi; \
+	  $(PYTHON) -m venv --clear $$site $(VENV)
+	@$(INSTALL) -r requirements.txt -r requirements-dev.txt
+	@$(RUN) -c 'import rclpy' 2>/dev/null || $(INSTALL) -r requirements-ros-wheels.txt
+	@touch $@
+
+clean:
+	rm -rf $(VENV) build install log dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,62 @@
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = 'uav_mission_manager'
+
+COMMANDS = {
+    'policy_build': 'cli.policy_build',
+    'policy_query': 'cli.policy_query',
+    'demo': 'cli.demo',
+    'manager': 'nodes.manager',
+    'solver': 'nodes.solver',
+    'mavlink_bridge': 'nodes.mavlink_bridge',
+    'base_station': 'nodes.base_station',
+    'sim_autopilot': 'autopilot.sim_autopilot',
+}
+
+
+def share_files() -> list[tuple[str, list[str]]]:
+    """Return `data_files` entries for every file under config, policies and launch."""
+    files: dict[str, list[str]] = {}
+    for top in ('config', 'policies', 'launch'):
+        for path in sorted(Path(top).rglob('*')):
+            if path.is_file() and '__pycache__' not in path.parts:
+                files.setdefault(f'share/{NAME}/{path.parent}', []).append(str(path))
+    return list(files.items())
+
+
+def executables() -> list[tuple[str, list[str]]]:
+    """Return shims for `ros2 run`, which pip needs because it puts commands into bin only."""
+    if {'install', 'develop'} & set(sys.argv):  # colcon: setup.cfg puts the commands there
+        return []
+    return [(f'lib/{NAME}', [f'resource/bin/{command}' for command in COMMANDS])]
+
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='Contingency-aware mission management of a UAV as a Markov decision process',
+    maintainer='Seed 397f598a maintainers',
+    maintainer_email='maintainers@users.noreply.h-seed-397f598a.example',
+    license='Apache-2.0',
+    python_requires='>=3.10',
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        *share_files(),
+        *executables(),
+    ],
+    zip_safe=True,
+    install_requires=['setuptools'],
+    extras_require={'test': ['pytest', 'hypothesis']},
+    entry_points={
+        'console_scripts': [
+            f'{command} = {NAME}.{module}:main' for command, module in COMMANDS.items()
+        ],
+    },
+)

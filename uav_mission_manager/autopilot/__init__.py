@@ -1,0 +1,1 @@
+"""The vehicle over MAVLink: link, telemetry, faults, the pilot on board, a simulated autopilot."""

@@ -1,0 +1,124 @@
+"""Which parts of the vehicle have failed, estimated from its telemetry."""
+
+from __future__ import annotations
+
+import math
+from enum import IntFlag
+from statistics import median
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from uav_mission_manager.autopilot.telemetry import Telemetry
+
+SET_DELAY = 1.0
+CLEAR_DELAY = 5.0
+FILTER_TIME = 2.0
+CAMERA_TIMEOUT = 3.0
+MIN_HEIGHT = 2.0  # below, ground effect and touch-down unbalance the motors
+IDLE_PWM = 1100.0
+ZERO_THRUST_PWM = 1000.0
+FIX_3D = mavlink.GPS_FIX_TYPE_3D_FIX
+
+SENSORS = (mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
+           | mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG | mavlink.MAV_SYS_STATUS_SENSOR_GPS
+           | mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE)
+PROPULSION = mavlink.MAV_SYS_STATUS_SENSOR_PROPULSION
+EKF_NEEDED = (mavlink.EKF_ATTITUDE | mavlink.EKF_VELOCITY_HORIZ | mavlink.EKF_VELOCITY_VERT
+              | mavlink.EKF_POS_HORIZ_ABS)
+EKF_BAD = (mavlink.EKF_CONST_POS_MODE | mavlink.EKF_GPS_GLITCHING | mavlink.EKF_UNINITIALIZED)
+
+
+class Fault(IntFlag):
+    """Failed parts; the value is the fault mode f - 1."""
+
+    SENSOR = 1
+    ACTUATOR = 2
+    CAMERA = 4
+
+
+class FaultEstimator:
+    """Debounced faults; an actuator fault stays until `serviced`.
+
+    A fault is set after 1 s; sensor and camera faults are cleared after 5 s of health. The
+    effectiveness of a motor is (median PWM - 1000) / (its PWM - 1000), low-pass filtered over
+    2 s in the air: a weakened motor has to turn up for the thrust the others give.
+
+    Parameters
+    ----------
+    threshold : float
+        Effectiveness below which a motor counts as failed.
+    """
+
+    def __init__(self, threshold: float = 0.85) -> None:
+        self._threshold = threshold
+        self._faults = Fault(0)
+        self._since: dict[Fault, float] = {}
+        self._located = False
+        self._motors_time = -math.inf
+        self.effectiveness: tuple[float, ...] = ()
+
+    def update(self, telemetry: Telemetry, camera_age: float | None, now: float) -> Fault | None:
+        """Judge a snapshot; None while too little is known.
+
+        Parameters
+        ----------
+        telemetry : Telemetry
+        camera_age : float or None
+            Seconds since the camera's heartbeat, None if there never was one.
+        now : float
+            Time [s].
+        """
+        unhealthy, fix, ekf = telemetry.unhealthy, telemetry.fix_type, telemetry.ekf_flags
+        if unhealthy is None or fix is None or ekf is None:
+            return None
+        located = fix >= FIX_3D and ekf & (EKF_NEEDED | EKF_BAD) == EKF_NEEDED
+        self._located = self._located or located
+        if not self._located:
+            return None
+        self._filter_motors(telemetry)
+        self._debounce(Fault.SENSOR, not located or bool(unhealthy & SENSORS), now)
+        weak = min(self.effectiveness, default=1.0) < self._threshold
+        self._debounce(Fault.ACTUATOR, weak or bool(unhealthy & PROPULSION), now)
+        self._debounce(
+            Fault.CAMERA, camera_age is not None and camera_age > CAMERA_TIMEOUT, now)
+        return self._faults
+
+    def serviced(self) -> None:
+        """Forget the actuator fault: the vehicle was repaired."""
+        self._faults &= ~Fault.ACTUATOR
+        self._since.pop(Fault.ACTUATOR, None)
+        self.effectiveness = ()
+
+    def link_lost(self) -> None:
+        """Judge nothing until telemetry suffices anew; the autopilot may have rebooted."""
+        self._located = False
+        self._since.clear()
+        self.effectiveness = ()
+
+    def _debounce(self, fault: Fault, seen: bool, now: float) -> None:
+        """Take over what is seen once it has lasted."""
+        if seen == bool(self._faults & fault) or (fault is Fault.ACTUATOR and not seen):
+            self._since.pop(fault, None)
+        elif now - self._since.setdefault(fault, now) >= (SET_DELAY if seen else CLEAR_DELAY):
+            self._faults ^= fault
+            del self._since[fault]
+
+    def _filter_motors(self, telemetry: Telemetry) -> None:
+        motors = telemetry.motors[:telemetry.motor_count]
+        height = telemetry.position.height if telemetry.position else 0.0
+        if telemetry.on_ground or height < MIN_HEIGHT:
+            self.effectiveness = ()
+            return
+        elapsed = telemetry.motors_time - self._motors_time
+        self._motors_time = telemetry.motors_time
+        if elapsed <= 0.0 or not motors or median(motors) < IDLE_PWM:
+            return
+        middle = median(motors) - ZERO_THRUST_PWM
+        if len(self.effectiveness) != len(motors):
+            self.effectiveness = (1.0,) * len(motors)
+            return
+        gain = 1.0 - math.exp(-elapsed / FILTER_TIME)
+        # At most 2, lest a motor that idles for a moment hides its weakness afterwards.
+        ratios = (middle / max(pwm - ZERO_THRUST_PWM, middle / 2.0) for pwm in motors)
+        self.effectiveness = tuple(
+            old + gain * (new - old) for old, new in zip(self.effectiveness, ratios, strict=True))

@@ -1,0 +1,345 @@
+"""The pilot on board: flies one mission command at a time, as long as nobody else is in command.
+
+In command are, in this order, the human pilot, the autopilot's failsafes, and the manager. A mode
+that was not ordered here is someone else's, and ends the commanding until `resume`; a vehicle
+flown by hand from the start is taken over when it is put into GUIDED.
+The pilot is pure: `update` takes a telemetry snapshot and the time, and returns what to ask of
+the vehicle. A request is repeated until telemetry shows that it was done.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from enum import Enum
+
+from uav_mission_manager.autopilot.telemetry import Position, Telemetry
+from uav_mission_manager.autopilot.vehicle import (
+    Arm,
+    Fly,
+    Mode,
+    Request,
+    SetMode,
+    TakeOff,
+    mode_name,
+)
+
+REPEAT, REPEAT_FLY = 2.0, 5.0
+EFFECT_TIME = 5.0  # a request may still take effect so long after it was last made
+COMPLETED_REPEAT = 10.0
+MIN_HOLD_HEIGHT = 3.0
+AT_ALTITUDE = 0.9  # share of the flight altitude
+
+
+class Phase(Enum):
+    """What the pilot is doing."""
+
+    NO_LINK = 'no link'
+    GROUND = 'on the ground'
+    ARMING = 'arming'
+    TAKE_OFF = 'take-off'
+    EN_ROUTE = 'en route'
+    ON_SITE = 'on site'
+    LANDING = 'landing'
+    HOLDING = 'holding'
+    RETURNING = 'returning to launch'
+    WAITING = 'waiting'
+    PILOT = 'pilot in command'
+
+
+@dataclass(frozen=True)
+class Task:
+    """A mission command with its destination [deg].
+
+    Attributes
+    ----------
+    text : str
+        The command as received.
+    goal : str
+        Goal to complete there, '' for none.
+    land : bool
+        Land there and stay; otherwise hover, and take off only for a goal.
+    service : bool
+        Standing there repairs the vehicle.
+    """
+
+    text: str
+    latitude: float
+    longitude: float
+    agile: bool = False
+    goal: str = ''
+    land: bool = False
+    service: bool = False
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to fly: [m], [m/s], [s]."""
+
+    flight_altitude: float = 20.0
+    cruise_speed: float = 5.0
+    agile_speed: float = 10.0
+    acceptance_radius: float = 3.0
+    landed_radius: float = 25.0
+    goal_dwell: float = 2.0
+    manager_timeout: float = 3.0
+    rtl_delay: float = 10.0
+    service_time: float = 5.0
+    allow_arming: bool = False
+
+
+@dataclass(frozen=True)
+class Step:
+    """Outcome of one update: phase, why in one line, requests, goal completed, repair done."""
+
+    phase: Phase
+    status: str
+    requests: tuple[Request, ...] = ()
+    completed: str = ''
+    serviced: bool = False
+
+
+class Pilot:
+    """State machine that flies mission commands; see the module's docstring."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._task: Task | None = None
+        self._heard = -math.inf
+        self._held = False
+        self._returning = False
+        self._taken = ''
+        self._adopt = False
+        self._mode: int | None = None  # the mode this pilot is in command in
+        self._ordered: int | None = None  # the mode it waits for
+        self._ordered_at = -math.inf
+        self._seen: tuple[int | None, bool] = (None, False)
+        self._arm_asked = -math.inf
+        self._armed_here = False
+        self._sent: dict[type, tuple[Request, float]] = {}
+        self._climbing = False
+        self._hold_point: Position | None = None
+        self._arrived: float | None = None
+        self._completed_at = -math.inf
+
+    def command(self, task: Task, now: float) -> None:
+        """Take a mission command; every repetition is a sign of life of the manager."""
+        old = self._task
+        if old is None or (old.goal, old.service) != (task.goal, task.service):
+            self._arrived, self._completed_at = None, -math.inf
+        self._task, self._heard = task, now
+
+    def hold(self) -> None:
+        """Hold position, or stay on the ground, until `resume`."""
+        self._held, self._returning, self._hold_point = True, False, None
+
+    def resume(self, now: float) -> None:
+        """Take command again, whatever the mode is; a silent manager is waited for anew."""
+        self._held, self._returning, self._hold_point = False, False, None
+        self._taken, self._adopt = '', True
+        self._heard = max(self._heard, now)
+
+    def update(self, telemetry: Telemetry | None, now: float) -> Step:
+        """Return what to do now; `telemetry` is None while the link is lost."""
+        if telemetry is None:
+            self._arrived = None
+            if not self._seen[1]:  # on the ground it may reboot, at a change of battery say
+                self._mode = self._ordered = None
+            return Step(Phase.NO_LINK, 'no heartbeat of the autopilot')
+        self._watch(telemetry, now)
+        if self._taken:
+            return Step(Phase.PILOT, f'{self._taken}; ~/resume gives command back')
+        if not telemetry.armed:
+            return self._stand(telemetry, now)
+        if self._mode is None:
+            return Step(Phase.PILOT, f'{mode_name(telemetry.mode)}; GUIDED gives command here')
+        if self._returning:
+            return self._return(telemetry, now)
+        if self._held:
+            return self._hold(telemetry, 'until ~/resume', now)
+        if self._task is None:
+            return Step(Phase.WAITING, 'no mission command yet')
+        silence = now - self._heard
+        if silence > self._settings.manager_timeout:
+            return self._without_manager(telemetry, silence, now)
+        self._hold_point = None
+        return self._fly(self._task, telemetry, now)
+
+    # Who is in command
+
+    def _watch(self, telemetry: Telemetry, now: float) -> None:
+        """Follow mode and arming, and yield to whoever else changed them."""
+        found_guided = self._mode is None and telemetry.armed and telemetry.mode == Mode.GUIDED
+        if self._adopt or found_guided or telemetry.mode == self._ordered:
+            self._mode, self._ordered, self._adopt = telemetry.mode, None, False
+        if now - self._ordered_at > EFFECT_TIME:
+            self._ordered = None
+        if telemetry.armed and not self._seen[1]:
+            self._armed_here = now - self._arm_asked < EFFECT_TIME
+        if not self._taken:
+            self._taken = self._someone_else(telemetry)
+        self._armed_here = self._armed_here and telemetry.armed
+        if self._seen != (telemetry.mode, telemetry.armed):
+            self._seen = (telemetry.mode, telemetry.armed)
+            self._sent.clear()
+            self._climbing = False
+
+    def _someone_else(self, telemetry: Telemetry) -> str:
+        """Say who else is in command, '' for nobody."""
+        mode = mode_name(telemetry.mode)
+        if telemetry.armed and telemetry.failsafe:
+            return f'the autopilot is in a failsafe ({mode})'
+        if self._mode is not None and telemetry.mode not in (self._mode, self._ordered):
+            return f'{mode} was not ordered from here'
+        if self._armed_here and not telemetry.armed and telemetry.mode == Mode.GUIDED:
+            return 'disarmed, but not from here'
+        return ''
+
+    # On the ground, disarmed
+
+    def _stand(self, telemetry: Telemetry, now: float) -> Step:
+        self._returning, self._hold_point = False, None
+        task, position = self._task, telemetry.fix(now)
+        if self._held:
+            return Step(Phase.HOLDING, 'on the ground until ~/resume')
+        if task is None:
+            return Step(Phase.GROUND, 'no mission command yet')
+        if now - self._heard > self._settings.manager_timeout:
+            self._arrived = None
+            return Step(Phase.GROUND, 'the manager is silent')
+        if position is None:
+            return Step(Phase.GROUND, f'{task.text}: no position yet')
+        if self._may_stay(task, position):
+            return Step(Phase.GROUND, task.text, serviced=self._service(task, now))
+        self._arrived = None
+        return self._arm(task, telemetry, now)
+
+    def _may_stay(self, task: Task, position: Position) -> bool:
+        """Whether a vehicle on the ground fulfils the task by staying there."""
+        if not task.land:
+            return not task.goal
+        distance = position.distance_to(task.latitude, task.longitude)
+        return distance <= self._settings.landed_radius
+
+    def _service(self, task: Task, now: float) -> bool:
+        """Whether the repair has just been done; it goes on as long as it is asked for."""
+        if not task.service:
+            return False
+        if self._arrived is None:
+            self._arrived = now
+        done = now - self._arrived >= self._settings.service_time
+        if done:
+            self._arrived = now
+        return done
+
+    def _arm(self, task: Task, telemetry: Telemetry, now: float) -> Step:
+        if not self._settings.allow_arming:
+            return Step(Phase.GROUND, f'{task.text}: allow_arming is false, a pilot must take off')
+        if telemetry.failsafe:
+            return Step(Phase.GROUND, f'{task.text}: the autopilot is in a failsafe')
+        if telemetry.mode != Mode.GUIDED:
+            return self._order(Mode.GUIDED, Phase.ARMING, task.text, telemetry, now)
+        if telemetry.ready is False:
+            return Step(Phase.ARMING, f'{task.text}: the autopilot is not ready to arm')
+        self._arm_asked = now
+        return self._ask(Arm(), Phase.ARMING, task.text, now)
+
+    # In the air
+
+    def _fly(self, task: Task, telemetry: Telemetry, now: float) -> Step:
+        settings, position = self._settings, telemetry.fix(now)
+        if position is None:
+            return Step(Phase.WAITING, f'{task.text}: no position')
+        distance = position.distance_to(task.latitude, task.longitude)
+        if task.land and telemetry.mode == Mode.LAND and distance <= settings.landed_radius:
+            return Step(Phase.LANDING, task.text)
+        if telemetry.mode != Mode.GUIDED:
+            return self._order(Mode.GUIDED, Phase.EN_ROUTE, task.text, telemetry, now)
+        if telemetry.on_ground:
+            return self._take_off(task, telemetry, position, now)
+        high = position.height >= AT_ALTITUDE * settings.flight_altitude
+        if self._climbing and not high:
+            return Step(Phase.TAKE_OFF, task.text)
+        self._climbing = False
+        speed = settings.agile_speed if task.agile else settings.cruise_speed
+        fly = Fly(task.latitude, task.longitude, settings.flight_altitude, speed)
+        if distance > settings.acceptance_radius or (task.goal and not high):
+            self._arrived = None
+            return self._ask(fly, Phase.EN_ROUTE, task.text, now)
+        if task.land:
+            return self._order(Mode.LAND, Phase.LANDING, task.text, telemetry, now)
+        step = self._ask(fly, Phase.ON_SITE, task.text, now)
+        return replace(step, completed=self._complete(task, now))
+
+    def _take_off(
+            self, task: Task, telemetry: Telemetry, position: Position, now: float) -> Step:
+        """Armed on the ground in GUIDED: take off, or stop the motors that this pilot started."""
+        if self._may_stay(task, position):
+            return self._stop_motors(Phase.GROUND, task.text, telemetry, now)
+        if not self._settings.allow_arming:
+            return Step(Phase.GROUND, f'{task.text}: allow_arming is false, a pilot must take off')
+        self._climbing = True
+        take_off = TakeOff(self._settings.flight_altitude)
+        return self._ask(take_off, Phase.TAKE_OFF, task.text, now)
+
+    def _stop_motors(self, phase: Phase, why: str, telemetry: Telemetry, now: float) -> Step:
+        """On the ground: LAND disarms. Motors that a human started stay as they are."""
+        if self._armed_here and telemetry.mode != Mode.LAND:
+            return self._order(Mode.LAND, phase, why, telemetry, now)
+        return Step(phase, why)
+
+    def _complete(self, task: Task, now: float) -> str:
+        """Name the goal once the dwell is over, and again after 10 s of the same command.
+
+        The manager then missed it, or wants the goal anew.
+        """
+        if self._arrived is None:
+            self._arrived = now
+        dwelt = now - self._arrived >= self._settings.goal_dwell
+        if not task.goal or not dwelt or now - self._completed_at < COMPLETED_REPEAT:
+            return ''
+        self._completed_at = now
+        return task.goal
+
+    def _without_manager(self, telemetry: Telemetry, silence: float, now: float) -> Step:
+        """Hold, then return to launch; a landing under way is safe and goes on."""
+        if telemetry.mode == Mode.LAND:
+            return Step(Phase.LANDING, 'the manager is silent')
+        if silence > self._settings.manager_timeout + self._settings.rtl_delay:
+            self._returning = True
+            return self._return(telemetry, now)
+        return self._hold(telemetry, 'the manager is silent', now)
+
+    def _return(self, telemetry: Telemetry, now: float) -> Step:
+        why = 'the manager is silent'
+        if telemetry.mode == Mode.RTL:
+            return Step(Phase.RETURNING, why)
+        return self._order(Mode.RTL, Phase.RETURNING, why, telemetry, now)
+
+    def _hold(self, telemetry: Telemetry, why: str, now: float) -> Step:
+        """Stay where the hold began, in GUIDED."""
+        self._arrived, self._climbing = None, False
+        if telemetry.on_ground:
+            return self._stop_motors(Phase.HOLDING, why, telemetry, now)
+        self._hold_point = point = self._hold_point or telemetry.fix(now)
+        if telemetry.mode != Mode.GUIDED:
+            return self._order(Mode.GUIDED, Phase.HOLDING, why, telemetry, now)
+        if point is None:
+            return Step(Phase.HOLDING, f'{why}; no position')
+        height = max(point.height, MIN_HOLD_HEIGHT)
+        fly = Fly(point.latitude, point.longitude, height, self._settings.cruise_speed)
+        return self._ask(fly, Phase.HOLDING, why, now)
+
+    def _order(
+            self, mode: Mode, phase: Phase, why: str, telemetry: Telemetry, now: float) -> Step:
+        self._mode, self._ordered, self._ordered_at = telemetry.mode, mode, now
+        return self._ask(SetMode(mode), phase, why, now)
+
+    def _ask(self, request: Request, phase: Phase, why: str, now: float) -> Step:
+        """Return a step with the request, if it is new or was made long enough ago."""
+        last, at = self._sent.get(type(request), (None, -math.inf))
+        repeat = REPEAT_FLY if isinstance(request, Fly) else REPEAT
+        if request == last and now - at < repeat:
+            return Step(phase, why)
+        self._sent[type(request)] = (request, now)
+        return Step(phase, why, (request,))

@@ -1,0 +1,123 @@
+"""Simulated autopilot: a small multirotor that speaks MAVLink 2 as ArduCopter does."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import math
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import astuple
+from typing import Any
+
+from pymavlink import mavutil
+
+from uav_mission_manager.autopilot.simulator.flight import Flight
+from uav_mission_manager.autopilot.simulator.link import Link
+from uav_mission_manager.autopilot.simulator.physics import Origin
+from uav_mission_manager.autopilot.simulator.protocol import Autopilot
+
+DEFAULT_CONNECTION = 'udpout:127.0.0.1:14550'
+CONNECTIONS = ('udpout:', 'udpin:', 'tcpin:')
+TIME_STEP = 0.02  # [s] simulated
+LONGEST_SLEEP, SHORTEST_SLEEP = 0.02, 0.005  # [s]
+MAX_LAG = 0.25  # [s] of wall time made up for after a stall; what is more is lost
+MAX_LATITUDE = 85.0  # [deg]; the local frame is flat
+MAX_READS = 200  # datagrams from a link in one turn
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run until SIGINT or SIGTERM; return the exit code."""
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    names = options.connection or [DEFAULT_CONNECTION]
+    try:
+        ports = [mavutil.mavlink_connection(name) for name in names]
+    except (OSError, ValueError) as error:
+        parser.error(f'{" ".join(names)}: {error}')
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
+    flight = Flight(options.origin, options.boot_seconds, options.seed)
+    flight.parameters['SIM_SPEEDUP'] = options.speedup
+    place = ','.join(str(value) for value in astuple(options.origin))
+    print(f'sim_autopilot: {" ".join(names)}, origin {place}, speed-up {options.speedup:g}',
+          flush=True)
+    with contextlib.suppress(KeyboardInterrupt):
+        _run(flight, ports, options.system_id)
+    return 0
+
+
+def _run(flight: Flight, ports: Sequence[Any], system: int) -> None:
+    """Let simulated time follow wall time, for ever."""
+    links = [Link(port, system) for port in ports]
+    autopilot = Autopilot(flight, links, system)
+    owed, last = 0.0, time.monotonic()
+    while True:
+        speedup = flight.parameters['SIM_SPEEDUP']
+        time.sleep(min(max(TIME_STEP / speedup, SHORTEST_SLEEP), LONGEST_SLEEP))
+        for port, link in zip(ports, links, strict=True):
+            _read(autopilot, port, link)
+        now = time.monotonic()
+        owed += min(now - last, MAX_LAG) * speedup
+        last = now
+        while owed >= TIME_STEP:
+            autopilot.step(TIME_STEP)
+            owed -= TIME_STEP
+
+
+def _read(autopilot: Autopilot, port: Any, link: Link) -> None:
+    for _ in range(MAX_READS):
+        data = port.recv(4096)
+        if not data:
+            return
+        autopilot.receive(link, data)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog='sim_autopilot', description=__doc__)
+    parser.add_argument(
+        '--connection', type=_connection, action='append', metavar='STRING',
+        help=f'udpout:, udpin: or tcpin:HOST:PORT; repeatable (default: {DEFAULT_CONNECTION})')
+    parser.add_argument(
+        '--origin', type=_origin, default='-35.363262,149.165237,584', metavar='LAT,LON,ALT',
+        help='where the vehicle stands: degrees, metres above sea level; a negative latitude '
+        'needs --origin=LAT,LON,ALT (default: %(default)s)')
+    parser.add_argument(
+        '--speedup', type=_positive, default=1.0,
+        help='simulated seconds in a second (default: %(default)s)')
+    parser.add_argument(
+        '--boot-seconds', type=_positive, default=5.0,
+        help='simulated time until it can arm (default: %(default)s)')
+    parser.add_argument('--system-id', type=int, default=1, choices=range(1, 256), metavar='ID',
+                        help='MAVLink system id (default: %(default)s)')
+    parser.add_argument('--seed', type=int, default=0, help='of the motor noise')
+    return parser
+
+
+def _connection(text: str) -> str:
+    if not text.startswith(CONNECTIONS):
+        raise argparse.ArgumentTypeError(f'{text!r} does not begin with {", ".join(CONNECTIONS)}')
+    return text
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not (math.isfinite(value) and value > 0.0):
+        raise argparse.ArgumentTypeError(f'{text} is not a positive number')
+    return value
+
+
+def _origin(text: str) -> Origin:
+    try:
+        latitude, longitude, altitude = (float(part) for part in text.split(','))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'{text!r} is not LAT,LON,ALT') from None
+    if not (abs(latitude) <= MAX_LATITUDE and abs(longitude) <= 180.0 and math.isfinite(altitude)):
+        raise argparse.ArgumentTypeError(f'{text!r} is not a place between 85 S and 85 N')
+    return Origin(latitude, longitude, altitude)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""A simulated multirotor: physics and flight modes without MAVLink, and a MAVLink front."""

@@ -1,0 +1,59 @@
+"""One MAVLink link of the simulated autopilot, with the messages streamed on it."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+AUTOPILOT, CAMERA = mavlink.MAV_COMP_ID_AUTOPILOT1, mavlink.MAV_COMP_ID_CAMERA
+UNASKED = {mavlink.MAVLINK_MSG_ID_HEARTBEAT: 1.0, mavlink.MAVLINK_MSG_ID_TIMESYNC: 10.0}
+"""What streams without being asked for, with its interval [s]."""
+
+
+class Writer(Protocol):
+    """Where bytes go."""
+
+    def write(self, data: bytes, /) -> object:
+        """Send the bytes of one message."""
+
+
+class Link:
+    """Both components' MAVLink encoders, a parser, and the intervals asked for on this link."""
+
+    def __init__(self, writer: Writer, system: int = 1) -> None:
+        self._autopilot = mavlink.MAVLink(writer, system, AUTOPILOT)
+        self._camera = mavlink.MAVLink(writer, system, CAMERA)
+        self._autopilot.robust_parsing = True
+        self._interval = dict(UNASKED)  # [s]
+        self._due = dict.fromkeys(UNASKED, 0.0)  # [s] simulated
+
+    def parse(self, data: bytes) -> list[Any]:
+        """Return the messages that `data` completes."""
+        return self._autopilot.parse_buffer(data) or []
+
+    def send(self, message: Any) -> None:
+        """Send as the autopilot."""
+        self._autopilot.send(message)
+
+    def send_as_camera(self, message: Any) -> None:
+        """Send as the camera."""
+        self._camera.send(message)
+
+    def stream(self, message: int, interval: float, now: float) -> None:
+        """Send a message every `interval` seconds; 0 is its default, less is never."""
+        if interval == 0.0:
+            interval = UNASKED.get(message, -1.0)
+        self._interval[message] = interval
+        self._due[message] = now + interval
+
+    def due(self, now: float) -> list[int]:
+        """Messages to send now; each counts as sent, and is due again one interval later."""
+        ready = [
+            message for message, interval in self._interval.items()
+            if interval > 0.0 and now >= self._due[message] - 1e-9
+        ]
+        for message in ready:
+            # An interval below the time step is met once a step and makes no backlog.
+            self._due[message] = max(self._due[message] + self._interval[message], now)
+        return ready

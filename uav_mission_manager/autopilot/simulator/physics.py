@@ -1,0 +1,199 @@
+"""Physics of a small quadrotor: a point mass with four motors and a battery, in SI units.
+
+Horizontal vectors are complex numbers north + i east, so that abs() is the length and
+phase() the bearing; altitude and climb count upward from the ground at the origin.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+import random
+from dataclasses import dataclass
+
+from uav_mission_manager.autopilot.simulator.battery import Battery
+
+GRAVITY = 9.80665
+WGS84_A, WGS84_E2 = 6378137.0, 6.69437999014e-3
+
+ACCELERATION = 2.5  # [m/s2] horizontal limit
+CLIMB_ACCELERATION = 1.0  # [m/s2] vertical limit
+MAX_AIRSPEED = 18.0  # [m/s]
+DRAG = 0.25  # [1/s] acceleration by airspeed
+FALL_DRAG = 0.02  # [1/m]
+YAW_RATE = math.radians(90.0)
+
+OFF_PWM, IDLE_PWM, HOVER_PWM, MAX_PWM = 1000.0, 1100.0, 1589.0, 1950.0
+HOVER_SPAN, MAX_SPAN = HOVER_PWM - OFF_PWM, MAX_PWM - OFF_PWM
+PWM_NOISE = 2.0  # [us] standard deviation
+REAR = (-1.0, 1.0, -1.0, 1.0)  # motors of a quad X: front right, rear left, front left, rear right
+ASYMMETRY = 0.0015  # [1/(m/s)] the rear motors work harder in forward flight
+FLIGHT_LOAD = 3e-4  # [1/(m/s)2] extra thrust by airspeed squared
+TIPPING = 4.0  # a weak corner also tips the vehicle: it falls faster than thrust alone says
+
+HOVER_POWER, IDLE_POWER, AVIONICS_POWER = 200.0, 15.0, 5.0  # [W]
+DRAG_POWER = 0.03  # [W/(m/s)3]
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Geodetic origin of the local frame: degrees, metres above sea level."""
+
+    latitude: float
+    longitude: float
+    altitude: float
+
+    def _metres_per_radian(self) -> tuple[float, float]:
+        """North and east, from the WGS84 radii of curvature."""
+        latitude = math.radians(self.latitude)
+        w2 = 1.0 - WGS84_E2 * math.sin(latitude) ** 2
+        prime_vertical = WGS84_A / math.sqrt(w2)
+        return prime_vertical * (1.0 - WGS84_E2) / w2, prime_vertical * math.cos(latitude)
+
+    def to_geodetic(self, position: complex) -> tuple[float, float]:
+        """Latitude and longitude [deg] of a local position."""
+        north, east = self._metres_per_radian()
+        return (
+            self.latitude + math.degrees(position.real / north),
+            self.longitude + math.degrees(position.imag / east),
+        )
+
+    def to_local(self, latitude: float, longitude: float) -> complex:
+        """Local position of a latitude and longitude [deg]."""
+        north, east = self._metres_per_radian()
+        return complex(
+            math.radians(latitude - self.latitude) * north,
+            math.radians(longitude - self.longitude) * east,
+        )
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What the flight modes ask of the body; a velocity of None lets it drift level."""
+
+    velocity: complex | None
+    climb: float
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What is done to the body: wind velocity, motor effectiveness 0-1, battery."""
+
+    wind: complex = 0j
+    effectiveness: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
+    capacity: float = 5.0  # [Ah]
+    forced_voltage: float = 0.0  # [V]; 0: from the charge
+
+
+class Multirotor:
+    """The body, moved by `step`; it starts on the ground at the origin, facing north."""
+
+    def __init__(self, seed: int = 0) -> None:
+        self.position = 0j
+        self.altitude = 0.0
+        self.velocity = 0j
+        self.climb = 0.0
+        self.heading = 0.0
+        self.tilt = 0j  # lean of the thrust [rad], towards north and east
+        self.on_ground = True
+        self.impact = 0.0  # [m/s] of the last touch-down
+        self.thrust_short = False  # the motors cannot carry the weight
+        self.motors: tuple[float, ...] = (OFF_PWM,) * 4
+        self.battery = Battery()
+        self._random = random.Random(seed)
+
+    def step(self, dt: float, demand: Demand | None, conditions: Conditions, armed: bool) -> None:
+        """Move on by `dt` seconds; without a demand the motors stand still or idle."""
+        airspeed = abs(self.velocity - conditions.wind)
+        load = 1.0 + FLIGHT_LOAD * airspeed**2
+        acceleration = self._move_vertically(dt, demand, load, conditions)
+        self._move_horizontally(dt, demand, conditions.wind)
+        if demand is None:
+            self.motors = (IDLE_PWM if armed else OFF_PWM,) * 4
+            power = IDLE_POWER if armed else 0.0
+        else:
+            thrust = load * (1.0 + acceleration / GRAVITY)
+            self._turn_motors(thrust, airspeed, conditions.effectiveness)
+            effort = sum(pwm - OFF_PWM for pwm in self.motors) / (4.0 * HOVER_SPAN)
+            power = HOVER_POWER * effort**1.5 + DRAG_POWER * airspeed**3
+        self.battery.drain(
+            power + AVIONICS_POWER, dt, conditions.capacity, conditions.forced_voltage)
+
+    def _move_vertically(
+        self, dt: float, demand: Demand | None, load: float, conditions: Conditions
+    ) -> float:
+        """Climb or fall; return the acceleration upward that the motors are asked for."""
+        limit = wanted = -GRAVITY
+        if demand is not None:
+            reserve = self._lift(conditions) / load - 1.0
+            limit = max(-GRAVITY, GRAVITY * reserve * (TIPPING if reserve < 0 else 1.0))
+            change = (demand.climb - self.climb) / dt
+            wanted = min(max(change, -CLIMB_ACCELERATION), CLIMB_ACCELERATION)
+        self.thrust_short = demand is not None and limit < 0.0
+        acceleration = min(wanted, limit)
+        if self.on_ground and acceleration <= 0.0:
+            return 0.0
+        if limit < 0.0 and self.climb < 0.0:
+            acceleration += FALL_DRAG * self.climb**2
+        self.climb += acceleration * dt
+        self.altitude += self.climb * dt
+        self.on_ground = self.altitude <= 0.0 and self.climb <= 0.0
+        if self.on_ground:
+            self.impact = -self.climb
+            self.altitude = self.climb = 0.0
+        return wanted
+
+    def _lift(self, conditions: Conditions) -> float:
+        """Greatest lift over the weight: the weakest corner limits a level vehicle."""
+        if self.battery.charge <= 0.0:
+            return 0.0
+        return min(conditions.effectiveness) * MAX_SPAN / HOVER_SPAN
+
+    def _move_horizontally(self, dt: float, demand: Demand | None, wind: complex) -> None:
+        before = self.velocity
+        if self.on_ground:
+            self.velocity = before = 0j
+        elif demand is None or demand.velocity is None:
+            self.velocity += (wind - self.velocity) * DRAG * dt
+        else:
+            goal = wind + shorten(demand.velocity - wind, MAX_AIRSPEED)
+            self.velocity += shorten(goal - self.velocity, ACCELERATION * dt)
+            self._turn_towards(demand.velocity, dt)
+        self.position += self.velocity * dt
+        push = 0j if self.on_ground else DRAG * (self.velocity - wind)
+        lean = ((self.velocity - before) / dt + push) / GRAVITY
+        self.tilt = cmath.rect(math.atan(abs(lean)), cmath.phase(lean))
+
+    def _turn_towards(self, velocity: complex, dt: float) -> None:
+        if abs(velocity) < 1.0:
+            return
+        error = cmath.phase(velocity * cmath.exp(-1j * self.heading))
+        turn = min(max(error, -YAW_RATE * dt), YAW_RATE * dt)
+        self.heading = (self.heading + turn) % math.tau
+
+    def _turn_motors(
+        self, thrust: float, airspeed: float, effectiveness: tuple[float, ...]
+    ) -> None:
+        """Set the outputs [us] that give `thrust` (1: the weight) with weakened motors."""
+        spans = (
+            HOVER_SPAN * thrust * (1.0 + side * ASYMMETRY * airspeed) / max(share, 1e-3)
+            for side, share in zip(REAR, effectiveness, strict=True)
+        )
+        self.motors = tuple(
+            min(max(OFF_PWM + span + self._random.gauss(0.0, PWM_NOISE), IDLE_PWM), MAX_PWM)
+            for span in spans
+        )
+
+
+def shorten(vector: complex, length: float) -> complex:
+    """Return `vector`, no longer than `length`."""
+    size = abs(vector)
+    return vector if size <= length else vector * (length / size)
+
+
+def approach_speed(distance: float, limit: float, acceleration: float) -> float:
+    """Speed at which one can still stop at `distance`, at most `limit`; soft at the end."""
+    knee = acceleration  # [m]; within it, 1 m/s for each metre
+    if distance <= knee:
+        return min(distance, limit)
+    return min(math.sqrt(2.0 * acceleration * (distance - knee / 2.0)), limit)

@@ -1,0 +1,138 @@
+"""MAVLink front of the simulated autopilot: what arrives on a link, what leaves on all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from uav_mission_manager.autopilot.simulator import commands
+from uav_mission_manager.autopilot.simulator.flight import Flight
+from uav_mission_manager.autopilot.simulator.link import AUTOPILOT, Link
+from uav_mission_manager.autopilot.simulator.messages import MESSAGES
+from uav_mission_manager.autopilot.simulator.parameters import TABLE
+
+NO_INDEX = 65535
+IGNORE_POSITION = 0b111  # of a set-point's type_mask
+
+
+class Autopilot:
+    """A `Flight` behind MAVLink links; `receive` and `step` are all that moves it."""
+
+    def __init__(self, flight: Flight, links: Sequence[Link], system: int = 1) -> None:
+        self.flight = flight
+        self._links = links
+        self._system = system
+        self._camera_due = 0.0
+
+    def step(self, dt: float) -> None:
+        """Fly on by `dt` seconds of simulated time and send what is due."""
+        self.flight.step(dt)
+        self._send_texts()
+        for link in self._links:
+            for message in link.due(self.flight.time):
+                link.send(MESSAGES[message](self.flight))
+        if self.flight.time >= self._camera_due - 1e-9:
+            self._camera_due += 1.0
+            if not self.flight.parameters['SIM_CAM_FAIL']:
+                self._send_camera_heartbeat()
+
+    def receive(self, link: Link, data: bytes) -> None:
+        """Act on what arrived on a link; what is not for this system is left alone."""
+        for message in link.parse(data):
+            handler = _HANDLERS.get(message.get_type())
+            if handler is not None and self._is_for_us(message):
+                handler(self, link, message)
+        self._send_texts()
+
+    def _is_for_us(self, message: Any) -> bool:
+        system = getattr(message, 'target_system', 0)
+        component = getattr(message, 'target_component', 0)
+        return system in (0, self._system) and component in (0, AUTOPILOT)
+
+    def _send_texts(self) -> None:
+        for severity, text in self.flight.texts:
+            for link in self._links:
+                link.send(mavlink.MAVLink_statustext_message(severity, text.encode()[:50]))
+        self.flight.texts.clear()
+
+    def _send_camera_heartbeat(self) -> None:
+        for link in self._links:
+            link.send_as_camera(mavlink.MAVLink_heartbeat_message(
+                mavlink.MAV_TYPE_CAMERA, mavlink.MAV_AUTOPILOT_INVALID, 0, 0,
+                mavlink.MAV_STATE_ACTIVE, 3))
+
+    def _command(self, link: Link, message: Any) -> None:
+        result = commands.run(
+            self.flight, link, message.command, commands.Command.of(message))
+        self._acknowledge(link, message, message.command, result)
+
+    def _set_mode(self, link: Link, message: Any) -> None:
+        """SET_MODE is acknowledged like a command of its message id."""
+        custom = message.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        result = commands.DENIED
+        if custom:
+            done = self.flight.set_mode(message.custom_mode)
+            result = commands.ACCEPTED if done else commands.FAILED
+        self._acknowledge(link, message, mavlink.MAVLINK_MSG_ID_SET_MODE, result)
+
+    def _acknowledge(self, link: Link, message: Any, command: int, result: int) -> None:
+        link.send(mavlink.MAVLink_command_ack_message(
+            command, result, 0, 0, message.get_srcSystem(), message.get_srcComponent()))
+
+    def _position_target(self, _link: Link, message: Any) -> None:
+        """Fly to the target; there is no answer, whatever becomes of it."""
+        target = commands.place(
+            self.flight, message.lat_int / 1e7, message.lon_int / 1e7, message.alt,
+            message.coordinate_frame)
+        if target is not None and not message.type_mask & IGNORE_POSITION:
+            self.flight.go_to(*target)
+
+    def _timesync(self, link: Link, message: Any) -> None:
+        if message.tc1 == 0:
+            link.send(mavlink.MAVLink_timesync_message(
+                round(self.flight.time * 1e9), message.ts1))
+
+    def _read_parameter(self, link: Link, message: Any) -> None:
+        names = list(self.flight.parameters)
+        name = message.param_id
+        if 0 <= message.param_index < len(names):
+            name = names[message.param_index]
+        if name in self.flight.parameters:
+            self._send_parameter(link, name, names.index(name))
+
+    def _list_parameters(self, link: Link, _message: Any) -> None:
+        for index, name in enumerate(self.flight.parameters):
+            self._send_parameter(link, name, index)
+
+    def _set_parameter(self, _link: Link, message: Any) -> None:
+        """All links hear the value taken; an unknown name or no number is ignored."""
+        name, parameters = message.param_id, self.flight.parameters
+        if name not in parameters or not math.isfinite(message.param_value):
+            return
+        parameters[name] = message.param_value
+        if name == 'SIM_BATT_PCT':
+            self.flight.set_charge(parameters[name])
+        for link in self._links:
+            self._send_parameter(link, name, NO_INDEX)
+
+    def _send_parameter(self, link: Link, name: str, index: int) -> None:
+        value = self.flight.parameters[name]
+        if name == 'SIM_BATT_PCT':
+            value = self.flight.body.battery.charge * 100.0
+        link.send(mavlink.MAVLink_param_value_message(
+            name.encode(), value, TABLE[name].type, len(TABLE), index))
+
+
+_HANDLERS: dict[str, Callable[[Autopilot, Link, Any], None]] = {
+    'COMMAND_LONG': Autopilot._command,
+    'COMMAND_INT': Autopilot._command,
+    'SET_MODE': Autopilot._set_mode,
+    'SET_POSITION_TARGET_GLOBAL_INT': Autopilot._position_target,
+    'TIMESYNC': Autopilot._timesync,
+    'PARAM_REQUEST_READ': Autopilot._read_parameter,
+    'PARAM_REQUEST_LIST': Autopilot._list_parameters,
+    'PARAM_SET': Autopilot._set_parameter,
+}

@@ -1,0 +1,182 @@
+"""The autopilot's messages as plain values in SI units; what is unknown is None or NaN."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+EARTH_RADIUS = 6371000.0
+POSITION_TIMEOUT = 2.0
+MAX_VOLTAGE = 62.0  # 14 cells full; a reading of 0 V wraps to 64.9 V
+ON_GROUND_HEIGHT = 0.5
+MOTORS = {
+    mavlink.MAV_TYPE_TRICOPTER: 3,
+    mavlink.MAV_TYPE_QUADROTOR: 4,
+    mavlink.MAV_TYPE_HEXAROTOR: 6,
+    mavlink.MAV_TYPE_OCTOROTOR: 8,
+}
+
+
+@dataclass(frozen=True)
+class Position:
+    """GLOBAL_POSITION_INT.
+
+    Attributes
+    ----------
+    time : float
+        When received [s].
+    latitude, longitude : float
+        [deg]
+    altitude, height : float
+        Above mean sea level, and above home [m].
+    velocity : tuple of 3 floats
+        East, north, up [m/s].
+    heading : float
+        Clockwise from north [rad], NaN unknown.
+    """
+
+    time: float
+    latitude: float
+    longitude: float
+    altitude: float
+    height: float
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    heading: float = math.nan
+
+    def distance_to(self, latitude: float, longitude: float) -> float:
+        """Distance over ground [m] to a point [deg], on a sphere, for a few kilometres."""
+        north = math.radians(latitude - self.latitude)
+        east = math.radians(longitude - self.longitude) * math.cos(math.radians(latitude))
+        return EARTH_RADIUS * math.hypot(north, east)
+
+
+@dataclass(frozen=True)
+class Battery:
+    """SYS_STATUS: charge 0 to 1, [V], [A] (discharge positive); NaN unknown."""
+
+    time: float
+    charge: float
+    voltage: float
+    current: float
+    healthy: bool = True
+
+
+@dataclass(frozen=True)
+class Telemetry:
+    """The last known values; None until the message that carries them has come.
+
+    Attributes
+    ----------
+    mode, armed, failsafe, motor_count
+        HEARTBEAT: ArduCopter's mode number, armed, in a failsafe, motors of this frame.
+    unhealthy : int
+        MAV_SYS_STATUS_SENSOR bits that are present, enabled and not healthy.
+    ready : bool
+        Whether the arming checks pass.
+    landed : bool
+        EXTENDED_SYS_STATE says on the ground.
+    motors : tuple of int
+        PWM [us] of each motor, received at `motors_time` [s].
+    """
+
+    mode: int | None = None
+    armed: bool = False
+    failsafe: bool = False
+    motor_count: int = 4
+    position: Position | None = None
+    battery: Battery | None = None
+    unhealthy: int | None = None
+    ready: bool | None = None
+    fix_type: int | None = None
+    ekf_flags: int | None = None
+    landed: bool | None = None
+    motors: tuple[int, ...] = ()
+    motors_time: float = -math.inf
+
+    def fix(self, now: float) -> Position | None:
+        """Position that may be flown by: recent, and absolute in the EKF's own view."""
+        position = self.position
+        if position is None or now - position.time > POSITION_TIMEOUT:
+            return None
+        if self.ekf_flags is not None and not self.ekf_flags & mavlink.EKF_POS_HORIZ_ABS:
+            return None
+        return position
+
+    @property
+    def on_ground(self) -> bool:
+        """Whether it stands on the ground, by its height where nothing else says so."""
+        if not self.armed:
+            return True
+        if self.landed is not None:
+            return self.landed
+        return self.position is None or self.position.height < ON_GROUND_HEIGHT
+
+
+def update(telemetry: Telemetry, message: Any, now: float) -> Telemetry:
+    """Return `telemetry` with what one message of the autopilot says."""
+    decode = _DECODERS.get(message.get_type())
+    return replace(telemetry, **decode(message, now)) if decode else telemetry
+
+
+def _heartbeat(message: Any, now: float) -> dict[str, Any]:
+    return {
+        'armed': bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED),
+        'mode': message.custom_mode,
+        'failsafe': message.system_status >= mavlink.MAV_STATE_CRITICAL,
+        'motor_count': MOTORS.get(message.type, 4),
+    }
+
+
+def _sys_status(message: Any, now: float) -> dict[str, Any]:
+    enabled = (message.onboard_control_sensors_present
+               & message.onboard_control_sensors_enabled)
+    unhealthy = enabled & ~message.onboard_control_sensors_health
+    prearm = mavlink.MAV_SYS_STATUS_PREARM_CHECK
+    charge, current = message.battery_remaining, message.current_battery
+    voltage = message.voltage_battery / 1000.0
+    battery = Battery(
+        now,
+        charge / 100.0 if 0 <= charge <= 100 else math.nan,
+        voltage if 0.0 < voltage <= MAX_VOLTAGE else math.nan,
+        current / 100.0 if current >= 0 else math.nan,
+        not unhealthy & mavlink.MAV_SYS_STATUS_SENSOR_BATTERY)
+    ready = not unhealthy & prearm if enabled & prearm else None
+    return {'unhealthy': unhealthy, 'battery': battery, 'ready': ready}
+
+
+def _global_position(message: Any, now: float) -> dict[str, Any]:
+    if message.lat == 0 and message.lon == 0:  # sent before there is a position
+        return {'position': None}
+    heading = math.radians(message.hdg / 100.0) if message.hdg <= 36000 else math.nan
+    return {'position': Position(
+        now, message.lat / 1e7, message.lon / 1e7, message.alt / 1000.0,
+        message.relative_alt / 1000.0,
+        (message.vy / 100.0, message.vx / 100.0, -message.vz / 100.0), heading)}
+
+
+def _servo_output(message: Any, now: float) -> dict[str, Any]:
+    if message.port != 0:
+        return {}
+    pwm = tuple(getattr(message, f'servo{i}_raw') for i in range(1, 9))
+    return {'motors': pwm, 'motors_time': now}
+
+
+def _extended_sys_state(message: Any, now: float) -> dict[str, Any]:
+    if message.landed_state == mavlink.MAV_LANDED_STATE_UNDEFINED:
+        return {'landed': None}
+    return {'landed': message.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND}
+
+
+_DECODERS: dict[str, Callable[[Any, float], dict[str, Any]]] = {
+    'HEARTBEAT': _heartbeat,
+    'SYS_STATUS': _sys_status,
+    'GLOBAL_POSITION_INT': _global_position,
+    'GPS_RAW_INT': lambda message, now: {'fix_type': message.fix_type},
+    'EKF_STATUS_REPORT': lambda message, now: {'ekf_flags': message.flags},
+    'SERVO_OUTPUT_RAW': _servo_output,
+    'EXTENDED_SYS_STATE': _extended_sys_state,
+}

@@ -1,0 +1,86 @@
+"""What the pilot may ask of an ArduCopter, and the MAVLink commands that say it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from uav_mission_manager.autopilot.link import Command
+
+GROUND_SPEED = 1.0  # SPEED_TYPE_GROUNDSPEED
+
+
+class Mode(IntEnum):
+    """ArduCopter's flight modes (HEARTBEAT.custom_mode) by name."""
+
+    STABILIZE = 0
+    ALT_HOLD = 2
+    AUTO = 3
+    GUIDED = 4
+    LOITER = 5
+    RTL = 6
+    LAND = 9
+    POSHOLD = 16
+    BRAKE = 17
+    SMART_RTL = 21
+
+
+def mode_name(mode: int | None) -> str:
+    """Name of a flight mode, `mode 27` where it has none here."""
+    return next((known.name for known in Mode if known == mode), f'mode {mode}')
+
+
+@dataclass(frozen=True)
+class SetMode:
+    """Change the flight mode."""
+
+    mode: Mode
+
+
+@dataclass(frozen=True)
+class Arm:
+    """Start the motors."""
+
+
+@dataclass(frozen=True)
+class TakeOff:
+    """Climb to a height above home [m]."""
+
+    height: float
+
+
+@dataclass(frozen=True)
+class Fly:
+    """Fly to a point [deg] at a height above home [m] and a speed [m/s], and stay there."""
+
+    latitude: float
+    longitude: float
+    height: float
+    speed: float
+
+
+Request = SetMode | Arm | TakeOff | Fly
+
+
+def commands(request: Request) -> tuple[Command, ...]:
+    """Return the commands of a request, in the order to send them.
+
+    None of them changes the mode but SetMode: nothing else may take the vehicle from a pilot.
+    """
+    if isinstance(request, SetMode):
+        return (Command(mavlink.MAV_CMD_DO_SET_MODE, (
+            mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, request.mode, 0, 0, 0, 0, 0)),)
+    if isinstance(request, Arm):
+        return (Command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1, 0, 0, 0, 0, 0, 0)),)
+    if isinstance(request, TakeOff):
+        return (Command(mavlink.MAV_CMD_NAV_TAKEOFF, (0, 0, 0, 0, 0, 0, request.height)),)
+    speed = Command(mavlink.MAV_CMD_DO_CHANGE_SPEED, (
+        GROUND_SPEED, request.speed, -1, 0, 0, 0, 0))
+    reposition = Command(
+        mavlink.MAV_CMD_DO_REPOSITION,
+        (-1, 0, 0, math.nan, request.latitude, request.longitude, request.height),
+        frame=mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
+    return speed, reposition

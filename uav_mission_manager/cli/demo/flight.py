@@ -1,0 +1,174 @@
+"""The demo's eyes and hands: what the nodes publish, and what happens to the vehicle."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from nav_msgs.msg import Odometry
+from rcl_interfaces.srv import SetParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import BatteryState
+from std_msgs.msg import String
+
+from uav_mission_manager.autopilot.link import mavlink, mavutil
+from uav_mission_manager.autopilot.pilot import Phase
+from uav_mission_manager.cli.demo.stack import NAMESPACE
+from uav_mission_manager.cli.demo.view import View
+from uav_mission_manager.mdp import Mission
+from uav_mission_manager.nodes import qos
+
+INJECTION_PERIOD = 0.5
+
+
+@dataclass
+class Threat:
+    """A threat to be met in a cell, or everywhere with `cell` None."""
+
+    level: str = 'none'
+    cell: int | None = None
+
+
+class Flight(Node):
+    """One mission as seen from outside, and the hands of base station, enemy and ground crew.
+
+    Attributes
+    ----------
+    command, state : str, tuple of int
+        The manager's last decision.
+    cell, charge, fault : int, float, str
+        Where the vehicle is, its charge (0 to 1) and fault mode.
+    armed : bool
+    asked, completed : set of str, list of str
+        Goals asked for and, in order, achieved.
+    """
+
+    def __init__(self, mission: Mission, crew_connection: str, view: View) -> None:
+        super().__init__('demo', namespace=NAMESPACE)
+        self.mission, self.view = mission, view
+        self.command, self.state, self.fault = '', (), ''
+        self.cell, self.charge, self.armed = -1, float('nan'), False
+        self.position = (float('nan'), float('nan'), float('nan'))
+        self.phase = ''
+        self.asked: set[str] = set()
+        self.completed: list[str] = []
+        self.threat = Threat()
+        self._crew = mavutil.mavlink_connection(crew_connection, source_system=255)
+        self._injections: dict[str, float] = {}
+        self._priorities: list[int] | None = None
+        self._threat_out = self.create_publisher(String, 'threat_level', qos.STATE_IN)
+        self._station = self.create_client(SetParameters, 'base_station/set_parameters')
+        self._listen()
+        self.create_timer(0.2, self._publish_threat)
+        self.create_timer(0.1, self._work)
+
+    def _listen(self) -> None:
+        def listen(kind: Any, topic: str, callback: Any, profile: Any) -> None:
+            self.create_subscription(kind, topic, callback, profile)
+
+        listen(DiagnosticArray, 'manager/decision', self._on_decision, qos.LATCHED)
+        listen(DiagnosticArray, '/diagnostics', self._on_diagnostics, qos.RELIABLE)
+        listen(Odometry, 'odom', self._on_odom, qos.SENSOR)
+        listen(BatteryState, 'battery_state', self._on_battery, qos.SENSOR)
+        listen(String, 'fault_mode', self._on_fault, qos.STATE_IN)
+        listen(String, 'goal_completed', self._on_completed, qos.EVENT)
+
+    def close(self) -> None:
+        """Close the crew's link and the node."""
+        self._crew.close()
+        self.destroy_node()
+
+    @property
+    def on_ground(self) -> bool:
+        """Whether the vehicle stands disarmed."""
+        return not self.armed and self.phase == Phase.GROUND.value
+
+    @property
+    def home(self) -> bool:
+        """Whether the vehicle stands disarmed at the base."""
+        return self.on_ground and self.cell == self.mission.grid.base
+
+    def ask(self, **priorities: int) -> None:
+        """Base station: set the priorities of goals by name; the others become 0."""
+        self.asked |= {name for name, priority in priorities.items() if priority}
+        wanted = [priorities.get(goal.name, 0) for goal in self.mission.goals]
+        self._priorities = wanted
+        text = ', '.join(f'{name} {("0", "low", "high")[g]}' for name, g in priorities.items())
+        self.view.event(f'base station: {text}')
+
+    def meet(self, level: str, cell: int | None = None) -> None:
+        """Enemy: a threat level in one cell, or everywhere."""
+        self.threat = Threat(level, cell)
+        where = '' if cell is None else f' in cell {cell}'
+        self.view.event(f'threat: {level}{where}')
+
+    def inject(self, what: str, **parameters: float) -> None:
+        """Set parameters of the simulated autopilot until it confirms them."""
+        self._injections.update(parameters)
+        self._next_injection = 0.0
+        self.view.event(what)
+
+    def _publish_threat(self) -> None:
+        met = self.threat.cell in (None, self.cell)
+        self._threat_out.publish(String(data=self.threat.level if met else 'none'))
+
+    def _work(self) -> None:
+        """Hand on what the base station and the crew still have to do."""
+        if self._priorities is not None and self._station.service_is_ready():
+            parameter = Parameter('priorities', value=self._priorities).to_parameter_msg()
+            self._station.call_async(SetParameters.Request(parameters=[parameter]))
+            self._priorities = None
+        while (message := self._crew.recv_match(type='PARAM_VALUE')) is not None:
+            self._injections.pop(message.param_id, None)
+        if self._injections and time.monotonic() >= self._next_injection:
+            self._next_injection = time.monotonic() + INJECTION_PERIOD
+            for name, value in self._injections.items():
+                self._crew.mav.param_set_send(
+                    1, 1, name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32
+                )
+
+    def _on_decision(self, message: DiagnosticArray) -> None:
+        status = message.status[0]
+        values = {pair.key: pair.value for pair in status.values}
+        state = tuple(map(int, values['state'].split())) if 'state' in values else ()
+        command = values.get('command', '')
+        if (state, command) != (self.state, self.command):
+            self.state, self.command = state, command
+            self.view.decision(state, command or '(silent)', status.message, self._where())
+
+    def _where(self) -> str:
+        east, north, up = self.position
+        if self.cell < 0:
+            return 'unknown'
+        return f'cell {self.cell} ({east:.0f}, {north:.0f}, {up:.0f}) m'
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if not status.name.startswith(f'{NAMESPACE}/mavlink_bridge'):
+                continue
+            values = {pair.key: pair.value for pair in status.values}
+            self.armed = values.get('armed') == 'True'
+            phase = values.get('phase', '')
+            if phase != self.phase and status.level != DiagnosticStatus.OK:
+                self.view.event(f'bridge: {status.message}')
+            self.phase = phase
+
+    def _on_odom(self, message: Odometry) -> None:
+        position = message.pose.pose.position
+        self.position = (position.x, position.y, position.z)
+        self.cell = self.mission.grid.cell_at(position.x, position.y)
+
+    def _on_battery(self, message: BatteryState) -> None:
+        self.charge = message.percentage
+
+    def _on_fault(self, message: String) -> None:
+        if message.data != self.fault:
+            self.view.event(f'vehicle: fault mode {message.data}')
+        self.fault = message.data
+
+    def _on_completed(self, message: String) -> None:
+        self.completed.append(message.data)
+        self.view.event(f'vehicle: {message.data} completed')

@@ -1,0 +1,160 @@
+"""The demo's command line, its loop and its summary."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import random
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import rclpy
+import yaml
+from rclpy.executors import SingleThreadedExecutor
+
+from uav_mission_manager.cli.demo.flight import Flight
+from uav_mission_manager.cli.demo.scenarios import Wait, case_one, three_goals
+from uav_mission_manager.cli.demo.stack import Stack
+from uav_mission_manager.cli.demo.view import View
+from uav_mission_manager.mdp import Mission, load_mission
+from uav_mission_manager.paths import share_directory
+from uav_mission_manager.policy import build_policy
+
+STEP_LIMIT = 60.0
+"""Seconds each step of a scenario may take."""
+
+WATCH_LIMIT = 45.0
+"""Seconds to watch the vehicle come home by itself after a process of the chain has ended."""
+
+BLIND_LIMIT = 10.0
+"""The same where nothing can be seen of the vehicle any more."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How one mission ended; `failure` is empty where all went well."""
+
+    title: str
+    failure: str
+    asked: int
+    achieved: int
+    home: bool
+    seconds: float
+
+    @property
+    def good(self) -> bool:
+        """Whether every goal was achieved and the vehicle is home and disarmed."""
+        return not self.failure and self.achieved == self.asked and self.home
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the command."""
+    parser = argparse.ArgumentParser(prog='demo', description='Fly two missions in simulation.')
+    parser.add_argument('--speedup', type=float, default=8.0, help='default: %(default)g')
+    parser.add_argument('--logs', type=Path, help='directory for the logs; default: a new one')
+    options = parser.parse_args(args)
+    # Other ROS systems neither hear nor disturb the demo.
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.setdefault('ROS_DOMAIN_ID', str(random.randint(1, 100)))
+    logs = options.logs or Path(tempfile.mkdtemp(prefix='uav-demo-'))
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    mission = load_mission(share_directory() / 'config' / 'case_study.yaml')
+    one_goal = replace(mission, name='case_one', goals=mission.goals[:1])
+    outcomes = []
+    try:
+        for title, script, flown in (
+            ('Case I: one goal', case_one, one_goal),
+            ('Three goals', three_goals, mission),
+        ):
+            outcomes.append(_fly(title, script, flown, logs / flown.name, options.speedup))
+            if not outcomes[-1].good:
+                break
+    except KeyboardInterrupt:
+        print('interrupted; everything started is ended', file=sys.stderr)
+        return 130
+    _summarise(outcomes, logs)
+    return 0 if len(outcomes) == 2 and all(outcome.good for outcome in outcomes) else 1
+
+
+def _fly(
+    title: str, script: Callable[[Flight], Iterator[Wait]], mission: Mission, logs: Path,
+    speedup: float,
+) -> Outcome:
+    """Fly one mission with a chain of its own."""
+    start = time.monotonic()
+    logs.mkdir(parents=True, exist_ok=True)
+    mission_file = logs / 'mission.yaml'
+    mission_file.write_text(yaml.safe_dump(mission.to_dict()))
+    build_policy(mission).save(logs / 'policy')
+    stack = Stack(mission_file, logs / 'policy', logs, speedup)
+    rclpy.init()
+    executor = SingleThreadedExecutor()
+    try:
+        with View(title) as view:
+            flight = Flight(mission, stack.crew_connection, view)
+            executor.add_node(flight)
+            stack.start(_origin(mission))
+            view.event('pids ' + ', '.join(f'{n} {p.pid}' for n, p in stack.processes.items()))
+            failure = _play(script(flight), flight, stack, executor)
+            achieved = len(flight.asked & set(flight.completed))
+            seconds = time.monotonic() - start
+            flight.close()
+        return Outcome(title, failure, len(flight.asked), achieved, flight.home, seconds)
+    finally:
+        stack.stop()
+        executor.shutdown()
+        rclpy.try_shutdown()
+
+
+def _play(
+    script: Iterator[Wait], flight: Flight, stack: Stack, executor: SingleThreadedExecutor
+) -> str:
+    """Play a script to its end; return what went wrong, if anything."""
+    for what, reached in script:
+        limit = time.monotonic() + STEP_LIMIT
+        while not reached():
+            executor.spin_once(timeout_sec=0.1)
+            if ended := stack.ended():
+                who = ', '.join(f'{name} (exit code {code})' for name, code in ended.items())
+                flight.view.event(f'ended: {who}; watching what the rest does')
+                _watch(flight, stack, executor)
+                return f'{who} ended while waiting for {what}'
+            if time.monotonic() > limit:
+                return f'no sign of {what} within {STEP_LIMIT:.0f} s'
+    return ''
+
+
+def _watch(flight: Flight, stack: Stack, executor: SingleThreadedExecutor) -> None:
+    """Watch the rest of the chain bring the vehicle home, as far as it can."""
+    seen = not {'sim_autopilot', 'mavlink_bridge'} & stack.ended().keys()
+    limit = time.monotonic() + (WATCH_LIMIT if seen else BLIND_LIMIT)
+    while time.monotonic() < limit:
+        executor.spin_once(timeout_sec=0.1)
+        if flight.home:
+            flight.view.event('the vehicle is home and disarmed')
+            return
+
+
+def _origin(mission: Mission) -> str:
+    origin, grid = mission.grid.origin, mission.grid
+    if origin is None:
+        raise ValueError(f'mission {mission.name}: grid.origin is missing')
+    latitude, longitude = origin.to_geodetic(*grid.position(grid.base))
+    return f'{latitude:.9f},{longitude:.9f},{origin.altitude}'
+
+
+def _summarise(outcomes: list[Outcome], logs: Path) -> None:
+    print()
+    for outcome in outcomes:
+        verdict = 'done' if outcome.good else f'FAILED: {outcome.failure or "goals left undone"}'
+        print(
+            f'{outcome.title}: {outcome.achieved} of {outcome.asked} goals achieved, vehicle '
+            f'{"home and disarmed" if outcome.home else "not home"}, {outcome.seconds:.0f} s: '
+            f'{verdict}'
+        )
+    print(f'logs: {logs}')

@@ -1,0 +1,62 @@
+"""What happens in the demo, as scripts: each yields the condition it waits for next."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from uav_mission_manager.cli.demo.flight import Flight
+
+Wait = tuple[str, Callable[[], bool]]
+"""What is waited for, in words and as a test."""
+
+WEAK_MOTOR = 0.75
+LOW_CHARGE = 21.0
+
+
+def case_one(flight: Flight) -> Iterator[Wait]:
+    """The paper's Case I: a goal is raised, reached and completed, a threat met on the way home."""
+    (goal,) = flight.mission.goals
+    yield 'the vehicle ready at the base', lambda: flight.command == 'none normal' and flight.home
+    flight.ask(**{goal.name: 2})
+    yield 'the commitment', lambda: flight.command.startswith(f'commit {goal.name}')
+    yield 'the goal completed', lambda: goal.name in flight.completed
+    yield 'the way home', lambda: flight.command == 'none normal'
+    flight.meet('high')
+    yield 'agile flight', lambda: flight.command == 'none agile'
+    yield 'the base', lambda: flight.cell == flight.mission.grid.base
+    flight.meet('none')
+    yield 'normal flight', lambda: flight.command == 'none normal'
+    yield 'the vehicle home and disarmed', lambda: flight.home
+
+
+def three_goals(flight: Flight) -> Iterator[Wait]:
+    """Priorities change, a threat appears, a motor weakens, the battery runs low."""
+    first, second, third = (goal.name for goal in flight.mission.goals)
+    yield 'the vehicle ready at the base', lambda: flight.command == 'none normal' and flight.home
+    flight.meet('high', cell=2)
+    flight.ask(**{first: 1, third: 1})
+    yield 'the first commitment', lambda: flight.command.startswith('commit') and flight.armed
+    yield 'one goal completed', lambda: bool(flight.completed)
+    flight.ask(**{name: 1 for name in (first, third) if name not in flight.completed}, **{second: 2})
+    yield f'the way to {second}', lambda: flight.command.startswith(f'commit {second}')
+    yield 'evasion in the threatened cell', lambda: flight.command.endswith('agile')
+    yield f'{second} completed', lambda: second in flight.completed
+    flight.meet('none')
+    flight.inject(
+        f'motor 1 weakens to {WEAK_MOTOR:.0%}', SIM_ENGINE_MUL=WEAK_MOTOR, SIM_ENGINE_FAIL=1
+    )
+    yield 'the fault found', lambda: flight.fault == 'actuator'
+    yield 'the command to repair', lambda: flight.command == 'repair'
+    yield 'the landing for repair', lambda: flight.on_ground
+    flight.inject('ground crew: motor replaced', SIM_ENGINE_FAIL=0, SIM_ENGINE_MUL=1)
+    yield 'the repair', lambda: flight.fault == 'nominal'
+    if first in flight.completed and third in flight.completed:
+        flight.ask(**{first: 2})
+        flight.completed.remove(first)
+    yield 'the next commitment', lambda: flight.command.startswith('commit') and flight.armed
+    flight.inject(f'battery drops to {LOW_CHARGE:.0f} %', SIM_BATT_PCT=LOW_CHARGE)
+    yield 'the command to recharge', lambda: flight.command == 'recharge'
+    yield 'the landing to recharge', lambda: flight.on_ground
+    flight.inject('ground crew: battery replaced', SIM_BATT_PCT=100)
+    yield 'every goal completed', lambda: flight.asked <= set(flight.completed)
+    yield 'the vehicle home and disarmed', lambda: flight.home

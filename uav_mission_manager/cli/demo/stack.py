@@ -1,0 +1,107 @@
+"""The chain as processes: simulated autopilot, bridge, manager, base station."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+NAMESPACE = '/uav1'
+PATIENCE = 5.0
+"""Seconds a process has to end by itself before it is killed."""
+
+BRIDGE = {
+    'allow_arming': True,
+    'agile_speed': 10.0,
+    'goal_dwell': 1.0,
+    'service_time': 1.0,
+    'rtl_delay': 5.0,
+}
+"""The bridge's parameters that differ from its defaults: its clock runs slower than the vehicle's."""
+
+
+class Stack:
+    """Starts the processes of one mission, watches them and ends them.
+
+    Parameters
+    ----------
+    mission, policy : path
+        Mission file and the policy set built from it.
+    logs : path
+        Directory for one log file a process.
+    speedup : float
+        Simulated seconds a second.
+    """
+
+    def __init__(self, mission: Path, policy: Path, logs: Path, speedup: float) -> None:
+        self.mission, self.policy, self.logs, self.speedup = mission, policy, logs, speedup
+        vehicle, crew = _free_udp_ports(2)
+        self.crew_connection = f'udpin:127.0.0.1:{crew}'
+        self._vehicle = f'127.0.0.1:{vehicle}'
+        self._crew = f'127.0.0.1:{crew}'
+        self.processes: dict[str, subprocess.Popen[bytes]] = {}
+
+    def start(self, origin: str) -> None:
+        """Start everything; `origin` is the home position, latitude,longitude,altitude."""
+        self._start(
+            'sim_autopilot',
+            'autopilot.sim_autopilot',
+            *('--connection', f'udpout:{self._vehicle}', '--connection', f'udpout:{self._crew}'),
+            *(f'--origin={origin}', f'--speedup={self.speedup}'),
+        )
+        mission = {'mission': self.mission}
+        connection = f'udpin:{self._vehicle}'
+        self._start_node('mavlink_bridge', connection=connection, **mission, **BRIDGE)
+        self._start_node('manager', policy=self.policy)
+        self._start_node('base_station', **mission)
+
+    def ended(self) -> dict[str, int]:
+        """Exit codes of the processes that are no longer there, by name."""
+        codes = {name: process.poll() for name, process in self.processes.items()}
+        return {name: code for name, code in codes.items() if code is not None}
+
+    def stop(self) -> None:
+        """End everything, the vehicle last."""
+        for process in reversed(self.processes.values()):
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+        for process in self.processes.values():
+            try:
+                process.wait(PATIENCE)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+    def _start_node(self, name: str, **parameters: object) -> None:
+        assignments = [
+            word
+            for key, value in parameters.items()
+            for word in ('-p', f'{key}:={str(value).lower() if value is True else value}')
+        ]
+        self._start(name, f'nodes.{name}', '--ros-args', '-r', f'__ns:={NAMESPACE}', *assignments)
+
+    def _start(self, name: str, module: str, *arguments: str) -> None:
+        self.logs.mkdir(parents=True, exist_ok=True)
+        with (self.logs / f'{name}.log').open('wb') as log:
+            # A session of its own: Ctrl-C on the terminal is for the demo, which ends its own.
+            self.processes[name] = subprocess.Popen(
+                [sys.executable, '-m', f'uav_mission_manager.{module}', *arguments],
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                stdin=subprocess.DEVNULL,
+                start_new_session=True,
+                env={**os.environ, 'PYTHONUNBUFFERED': '1'},
+            )
+
+
+def _free_udp_ports(count: int) -> list[int]:
+    sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
+    for each in sockets:
+        each.bind(('127.0.0.1', 0))
+    ports = [each.getsockname()[1] for each in sockets]
+    for each in sockets:
+        each.close()
+    return ports

@@ -1,0 +1,1 @@
+"""ROS 2 nodes: a callback converts, calls the pure core and publishes."""

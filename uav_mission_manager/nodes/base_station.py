@@ -1,0 +1,86 @@
+"""The base station: goal priorities as a live parameter, published as requests."""
+
+from __future__ import annotations
+
+import sys
+import uuid
+from collections.abc import Sequence
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+from std_msgs.msg import MultiArrayDimension, UInt8MultiArray
+
+from uav_mission_manager.mdp import load_mission
+from uav_mission_manager.nodes import qos
+from uav_mission_manager.nodes.parameters import Parameter, declare
+from uav_mission_manager.nodes.runtime import run
+from uav_mission_manager.paths import share_directory
+
+PARAMETERS = (
+    Parameter('mission', '', 'Mission file; empty is the shipped case study'),
+    Parameter('rate', 1.0, 'Repetition rate [Hz]', 0.1, 20.0),
+)
+
+
+class BaseStation(Node):
+    """Publishes `priorities` at `rate`, and at once with a new request id when they are set."""
+
+    def __init__(self) -> None:
+        super().__init__('base_station')
+        settings = declare(self, PARAMETERS)
+        path = settings.mission or share_directory() / 'config' / 'case_study.yaml'
+        self._goals = tuple(goal.name for goal in load_mission(path).goals)
+        row = Parameter('priorities', [0] * len(self._goals), 'Priority of each goal in mission '
+                        'order: 0 none, 1 low, 2 high', read_only=False)
+        priorities = declare(self, (row,)).priorities
+        reason = self._fault_in(priorities)
+        if reason:
+            raise ValueError(reason)
+        self._publisher = self.create_publisher(
+            UInt8MultiArray, 'goal_priorities', qos.STATE_IN,
+            qos_overriding_options=qos.OVERRIDABLE)
+        self._request(priorities)
+        self.add_on_set_parameters_callback(self._check)
+        self.add_post_set_parameters_callback(self._on_set)
+        self.create_timer(1.0 / settings.rate, self._publish)
+
+    def _fault_in(self, priorities: Sequence[int]) -> str:
+        if len(priorities) != len(self._goals):
+            return (f'parameter priorities: {len(priorities)} values, the mission has '
+                    f'{len(self._goals)} goals ({", ".join(self._goals)})')
+        for goal, value in zip(self._goals, priorities, strict=True):
+            if value not in (0, 1, 2):
+                return f'parameter priorities: {goal} is {value}, not 0, 1 or 2'
+        return ''
+
+    def _check(self, parameters: list[RosParameter]) -> SetParametersResult:
+        reasons = (self._fault_in(p.value) for p in parameters if p.name == 'priorities')
+        reason = next(filter(None, reasons), '')
+        return SetParametersResult(successful=not reason, reason=reason)
+
+    def _on_set(self, parameters: list[RosParameter]) -> None:
+        for parameter in parameters:
+            if parameter.name == 'priorities':
+                self._request(parameter.value)
+
+    def _request(self, priorities: Sequence[int]) -> None:
+        # Unique across restarts, or a new station's first request could pass for a repetition.
+        label = uuid.uuid4().hex
+        self._message = UInt8MultiArray(data=priorities)
+        self._message.layout.dim = [
+            MultiArrayDimension(label=label, size=len(priorities), stride=len(priorities))]
+        self.get_logger().info(f'priorities {list(priorities)}, request {label}')
+        self._publish()
+
+    def _publish(self) -> None:
+        self._publisher.publish(self._message)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run(BaseStation, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

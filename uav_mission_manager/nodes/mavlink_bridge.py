@@ -1,0 +1,297 @@
+"""The bridge between the mission manager and an ArduCopter: telemetry up, commands down."""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from sensor_msgs.msg import BatteryState, NavSatFix, NavSatStatus
+from std_msgs.msg import Header, String
+from std_srvs.srv import Trigger
+
+from uav_mission_manager.autopilot.faults import FIX_3D, Fault, FaultEstimator
+from uav_mission_manager.autopilot.link import Link
+from uav_mission_manager.autopilot.pilot import Phase, Pilot, Settings, Step, Task
+from uav_mission_manager.autopilot.telemetry import Battery, Position, Telemetry, update
+from uav_mission_manager.autopilot.vehicle import commands, mode_name
+from uav_mission_manager.mdp import FAULT_MODES, Action, Mission, Origin, load_mission
+from uav_mission_manager.nodes import qos
+from uav_mission_manager.nodes.parameters import Parameter, declare
+from uav_mission_manager.nodes.reporting import status
+from uav_mission_manager.nodes.runtime import run
+from uav_mission_manager.onboard import parse_command
+from uav_mission_manager.paths import share_directory
+
+POLL_PERIOD = 0.05
+FAULT_PERIOD = 0.5
+CAMERA = 100  # MAV_COMP_ID_CAMERA
+STATUSTEXT_WARNING = 4
+FLIGHT = Settings()
+
+PARAMETERS = (
+    Parameter('mission', '', 'Mission file; empty is the shipped case study'),
+    Parameter('connection', 'udpin:127.0.0.1:14550', 'pymavlink connection string'),
+    Parameter('source_system', 1, 'Own MAVLink system id', 1, 255),
+    Parameter('source_component', 191, 'Own MAVLink component id', 1, 255),
+    Parameter('target_system', 1, 'System id of the vehicle; 0 is the first one heard', 0, 255),
+    Parameter('link_timeout', 3.0, 'The link is lost without HEARTBEAT for [s]', 0.5, 60.0),
+    Parameter('effectiveness_threshold', 0.85, 'A weaker motor has failed', 0.0, 1.0),
+    Parameter('flight_altitude', FLIGHT.flight_altitude, 'Height above home [m]', 2.0, 500.0),
+    Parameter('cruise_speed', FLIGHT.cruise_speed, 'Speed in normal mode [m/s]', 0.1, 50.0),
+    Parameter('agile_speed', FLIGHT.agile_speed, 'Speed in agile mode [m/s]', 0.1, 50.0),
+    Parameter('acceptance_radius', FLIGHT.acceptance_radius, 'On site within [m]', 0.1, 1000.0),
+    Parameter('goal_dwell', FLIGHT.goal_dwell, 'A goal is completed after [s]', 0.0, 3600.0),
+    Parameter('service_time', FLIGHT.service_time, 'A repair takes [s]', 0.0, 3600.0),
+    Parameter('manager_timeout', FLIGHT.manager_timeout, 'Hold without mission command for [s]',
+              1.5, 600.0),
+    Parameter('rtl_delay', FLIGHT.rtl_delay, 'Return to launch after holding so for [s]',
+              0.0, 3600.0),
+    Parameter('allow_arming', FLIGHT.allow_arming, 'Whether to arm and take off'),
+)
+
+
+class MavlinkBridge(Node):
+    """Publishes what the vehicle says and flies what the manager commands.
+
+    Where to fly follows from the command and the mission file alone; `command_pose` moves the
+    point within the destination's cell, and one for another cell (old, early or lost) is ignored.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('mavlink_bridge')
+        p = declare(self, PARAMETERS)
+        path = p.mission or share_directory() / 'config' / 'case_study.yaml'
+        self._mission = load_mission(path)
+        self._origin = _origin(self._mission, path)
+        radius = max(p.acceptance_radius, self._mission.grid.cell_size / 2.0)
+        self._pilot = Pilot(Settings(
+            landed_radius=radius,
+            **{name: getattr(p, name) for name in vars(FLIGHT) if name != 'landed_radius'}))
+        self._faults = FaultEstimator(p.effectiveness_threshold)
+        self._link = Link(
+            p.connection, source_system=p.source_system, source_component=p.source_component,
+            target_system=p.target_system, timeout=p.link_timeout)
+        self._telemetry = Telemetry()
+        self._step = Step(Phase.NO_LINK, 'no heartbeat of the autopilot yet')
+        self._pose: tuple[float, float] | None = None
+        self._command = self._refused_text = ''
+        self._commanded_at = -math.inf
+        self._fault: Fault | None = None
+        self._fault_at = -math.inf
+        self._refused: dict[str, str] = {}
+        self._connect()
+
+    def _connect(self) -> None:
+        def publisher(kind: Any, topic: str, profile: Any) -> Any:
+            return self.create_publisher(
+                kind, topic, profile, qos_overriding_options=qos.OVERRIDABLE)
+
+        self._battery_state = publisher(BatteryState, 'battery_state', qos.SENSOR)
+        self._odom = publisher(Odometry, 'odom', qos.SENSOR)
+        self._global_position = publisher(NavSatFix, 'global_position', qos.SENSOR)
+        self._fault_mode = publisher(String, 'fault_mode', qos.STATE_IN)
+        self._goal_completed = publisher(String, 'goal_completed', qos.EVENT)
+        self._diagnostics = publisher(DiagnosticArray, '/diagnostics', qos.RELIABLE)
+        self.create_subscription(
+            String, 'mission_command', self._on_command, qos.LATCHED,
+            qos_overriding_options=qos.OVERRIDABLE)
+        self.create_subscription(
+            PoseStamped, 'command_pose', self._on_pose, qos.LATCHED,
+            qos_overriding_options=qos.OVERRIDABLE)
+        self.create_service(Trigger, '~/hold', self._on_hold)
+        self.create_service(Trigger, '~/resume', self._on_resume)
+        self.create_timer(POLL_PERIOD, self._poll)
+        self.create_timer(1.0, self._diagnose)
+
+    def destroy_node(self) -> None:
+        """Close the link too."""
+        self._link.close()
+        super().destroy_node()
+
+    def _now(self) -> float:
+        return self.get_clock().now().nanoseconds * 1e-9
+
+    # In: manager and operator
+
+    def _on_command(self, message: String) -> None:
+        try:
+            action = parse_command(self._mission, message.data)
+        except ValueError as error:
+            if message.data != self._refused_text:
+                self.get_logger().error(f'{error}; keeping {self._command or "no command"!r}')
+            self._refused_text = message.data
+            return
+        self._refused_text, self._command, self._commanded_at = '', message.data, self._now()
+        self._pilot.command(self._task(action), self._commanded_at)
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        point = message.pose.position.x, message.pose.position.y
+        usable = message.header.frame_id == 'map' and self._mission.grid.contains(*point)
+        self._pose = point if usable else None
+
+    def _task(self, action: Action) -> Task:
+        grid = self._mission.grid
+        point = grid.position(action.destination)
+        if self._pose and grid.cell_at(*self._pose) == action.destination:
+            point = self._pose
+        return Task(
+            self._command, *self._origin.to_geodetic(*point), agile=action.agile,
+            goal=self._mission.goals[action.goal - 1].name if action.goal else '',
+            land=not action.goal and not action.agile, service=action.kind == 'repair')
+
+    def _on_hold(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self._step.phase is not Phase.PILOT
+        response.message = 'holds until ~/resume' if response.success else self._step.status
+        if response.success:
+            self._pilot.hold()
+        return response
+
+    def _on_resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._pilot.resume(self._now())
+        response.success, response.message = True, 'the manager is in command'
+        return response
+
+    # Out: vehicle
+
+    def _poll(self) -> None:
+        now, last = self._now(), self._telemetry
+        for message in self._link.poll(now):
+            self._telemetry = update(self._telemetry, message, now)
+            if message.get_type() == 'STATUSTEXT':
+                self._log(message.severity <= STATUSTEXT_WARNING, f'autopilot: {message.text}')
+        if not self._link.up:
+            self._telemetry, self._fault = Telemetry(), None
+            self._faults.link_lost()
+        self._fly(now)
+        if self._link.up:
+            self._publish(last, now)
+
+    def _fly(self, now: float) -> None:
+        step = self._pilot.update(self._telemetry if self._link.up else None, now)
+        if step.phase is Phase.PILOT:
+            self._link.cancel()
+        for request in step.requests:
+            for command in commands(request):
+                self._link.send(command, now)
+        if step.completed:
+            self._goal_completed.publish(String(data=step.completed))
+            self._log(False, f'goal {step.completed} completed')
+        if step.serviced:
+            self._faults.serviced()
+            self._log(False, 'service done')
+        if (step.phase, step.status) != (self._step.phase, self._step.status):
+            self._log(step.phase in WARNING_PHASES, f'{step.phase.value}: {step.status}')
+        self._step = step
+        if self._link.refused != self._refused:
+            self._refused = dict(self._link.refused)
+            for name, why in self._refused.items():
+                self._log(True, f'autopilot refused {name}: {why}')
+
+    def _publish(self, last: Telemetry, now: float) -> None:
+        stamp, telemetry = self.get_clock().now().to_msg(), self._telemetry
+        if telemetry.battery and telemetry.battery is not last.battery:
+            self._battery_state.publish(battery_state(telemetry.battery, stamp))
+        position = telemetry.fix(now)
+        if position and position is not last.position:
+            self._odom.publish(odometry(position, self._origin, stamp))
+            self._global_position.publish(
+                nav_sat_fix(position, (telemetry.fix_type or 0) >= FIX_3D, stamp))
+        age = self._link.component_age(CAMERA, now)
+        fault = self._faults.update(telemetry, age, now)
+        if fault is not None and (
+                fault != self._fault or now - self._fault_at >= FAULT_PERIOD):
+            self._fault_mode.publish(String(data=FAULT_MODES[fault]))
+            self._fault_at = now
+        if fault not in (None, self._fault):
+            self._log(bool(fault), f'fault mode {FAULT_MODES[fault or 0]}')
+        self._fault = fault
+
+    def _log(self, warning: bool, text: str) -> None:
+        # rclpy refuses a call site that changes its severity: one for each.
+        if warning:
+            self.get_logger().warning(text)
+        else:
+            self.get_logger().info(text)
+
+    def _diagnose(self) -> None:
+        phase, telemetry = self._step.phase, self._telemetry
+        level = DiagnosticStatus.WARN if phase in WARNING_PHASES else DiagnosticStatus.OK
+        age = self._now() - self._commanded_at
+        values = {
+            'link': 'up' if self._link.up else 'lost', 'link_error': self._link.error,
+            'system': self._link.target_system, 'mode': mode_name(telemetry.mode),
+            'armed': telemetry.armed, 'phase': phase.value, 'command': self._command,
+            'command_age': f'{age:.1f}' if self._command else '',
+            'fault_mode': '' if self._fault is None else FAULT_MODES[self._fault],
+            'motor_effectiveness': ' '.join(f'{e:.2f}' for e in self._faults.effectiveness),
+            **{f'refused {name}': why for name, why in self._link.refused.items()},
+        }
+        report = status(
+            level if self._link.up else DiagnosticStatus.ERROR,
+            f'{self.get_fully_qualified_name()}: autopilot',
+            f'{phase.value}: {self._step.status}', **values)
+        report.hardware_id = f'MAVLink system {self._link.target_system}'
+        header = Header(stamp=self.get_clock().now().to_msg())
+        self._diagnostics.publish(DiagnosticArray(header=header, status=[report]))
+
+
+WARNING_PHASES = (Phase.NO_LINK, Phase.PILOT, Phase.HOLDING, Phase.RETURNING)
+
+
+def _origin(mission: Mission, path: Any) -> Origin:
+    if mission.grid.origin is None:
+        raise ValueError(f'{path}: grid.origin is missing; the bridge needs it to fly')
+    return mission.grid.origin
+
+
+def battery_state(battery: Battery, stamp: Any) -> BatteryState:
+    """Return the ROS message; its current is negative while discharging."""
+    message = BatteryState(
+        voltage=battery.voltage, current=-battery.current, percentage=battery.charge,
+        temperature=math.nan, charge=math.nan, capacity=math.nan, design_capacity=math.nan,
+        power_supply_status=BatteryState.POWER_SUPPLY_STATUS_UNKNOWN, present=True)
+    message.power_supply_health = (
+        BatteryState.POWER_SUPPLY_HEALTH_GOOD if battery.healthy
+        else BatteryState.POWER_SUPPLY_HEALTH_UNSPEC_FAILURE)
+    message.header.stamp = stamp
+    return message
+
+
+def odometry(position: Position, origin: Origin, stamp: Any) -> Odometry:
+    """Return the position in `map` (ENU), levelled, with the velocity in `base_link`."""
+    message = Odometry(child_frame_id='base_link')
+    message.header.frame_id, message.header.stamp = 'map', stamp
+    place, turn = message.pose.pose.position, message.pose.pose.orientation
+    place.x, place.y = origin.to_local(position.latitude, position.longitude)
+    place.z = position.altitude - origin.altitude
+    yaw = 0.0 if math.isnan(position.heading) else math.pi / 2.0 - position.heading
+    turn.z, turn.w = math.sin(yaw / 2.0), math.cos(yaw / 2.0)
+    east, north, up = position.velocity
+    twist = message.twist.twist.linear
+    twist.x = math.cos(yaw) * east + math.sin(yaw) * north
+    twist.y = math.cos(yaw) * north - math.sin(yaw) * east
+    twist.z = up
+    return message
+
+
+def nav_sat_fix(position: Position, has_fix: bool, stamp: Any) -> NavSatFix:
+    """Return the geographic position; its altitude is above mean sea level."""
+    message = NavSatFix(
+        latitude=position.latitude, longitude=position.longitude, altitude=position.altitude)
+    message.status.status = NavSatStatus.STATUS_FIX if has_fix else NavSatStatus.STATUS_NO_FIX
+    message.header.frame_id, message.header.stamp = 'base_link', stamp
+    return message
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run(MavlinkBridge, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,83 @@
+"""Node parameters from one declarative table, checked when declared and when set."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.exceptions import ParameterException
+from rclpy.node import Node
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One row of a node's table; `minimum` and `maximum` are inclusive."""
+
+    name: str
+    default: Any
+    description: str
+    minimum: float | None = None
+    maximum: float | None = None
+    read_only: bool = True
+
+    def descriptor(self) -> ParameterDescriptor:
+        """Return what `ros2 param describe` shows; rclpy enforces the range."""
+        message = ParameterDescriptor(
+            name=self.name, description=self.description, read_only=self.read_only)
+        if self.minimum is None and self.maximum is None:
+            return message
+        low = -math.inf if self.minimum is None else self.minimum
+        high = math.inf if self.maximum is None else self.maximum
+        if isinstance(self.default, float):
+            message.floating_point_range = [
+                FloatingPointRange(from_value=float(low), to_value=float(high))]
+        else:
+            message.integer_range = [IntegerRange(
+                from_value=int(max(low, -2**63)), to_value=int(min(high, 2**63 - 1)))]
+        return message
+
+
+def declare(node: Node, table: tuple[Parameter, ...]) -> SimpleNamespace:
+    """Declare `table` on `node` and return the values by name.
+
+    Raises
+    ------
+    ValueError
+        One line naming the parameter: NaN, out of range or of the wrong type.
+    """
+    values = SimpleNamespace()
+    for row in table:
+        try:
+            value = node.declare_parameter(row.name, row.default, row.descriptor()).value
+        except ParameterException as error:
+            raise ValueError(f'parameter {row.name}: {error}') from error
+        if _has_nan(value):
+            raise ValueError(f'parameter {row.name}: {value} is not a number')
+        setattr(values, row.name, value)
+    node.add_on_set_parameters_callback(_refuse_nan)
+    return values
+
+
+def _refuse_nan(parameters: Iterable[Any]) -> SetParametersResult:
+    for parameter in parameters:
+        if _has_nan(parameter.value):
+            return SetParametersResult(
+                successful=False, reason=f'parameter {parameter.name}: NaN is not a number')
+    return SetParametersResult(successful=True)
+
+
+def _has_nan(value: Any) -> bool:
+    if isinstance(value, float):
+        return math.isnan(value)
+    # Parameter arrays arrive as lists or array.array; strings have no numbers in them.
+    return not isinstance(value, (str, bytes)) and isinstance(value, Iterable) and any(
+        _has_nan(item) for item in value)

@@ -1,0 +1,108 @@
+"""What the manager shows of itself, as diagnostic and marker messages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Point, PoseStamped
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from uav_mission_manager.mdp import Grid
+from uav_mission_manager.onboard import Refusal, Situation, format_command
+from uav_mission_manager.policy import Decision
+
+Colour = tuple[float, float, float, float]
+
+FRAME = 'map'
+WHITE, GREY, BLUE = (1.0, 1.0, 1.0, 1.0), (0.6, 0.6, 0.6, 1.0), (0.1, 0.4, 1.0, 1.0)
+PRIORITY_COLOURS = (GREY, (1.0, 0.8, 0.1, 1.0), (1.0, 0.4, 0.0, 1.0))
+THREAT_COLOURS = ((0.0, 0.8, 0.2, 0.2), (1.0, 0.8, 0.0, 0.4), (1.0, 0.0, 0.0, 0.5))
+
+
+def status(level: bytes, name: str, message: str, **values: object) -> DiagnosticStatus:
+    """Return a diagnostic status with its values as text."""
+    pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+    return DiagnosticStatus(level=level, name=name, message=message, values=pairs)
+
+
+def decision_status(
+    name: str, outcome: Decision | Refusal, situation: Situation, now: float, digest: str,
+) -> DiagnosticStatus:
+    """Why the manager decided so, or did not decide."""
+    ages = {f'age {topic} [s]': f'{age:.2f}' for topic, age in situation.ages(now).items()}
+    if isinstance(outcome, Refusal):
+        return status(DiagnosticStatus.ERROR, name, outcome.reason, policy=digest, **ages)
+    mission = situation.mission
+    runner_up = outcome.runner_up
+    return status(
+        DiagnosticStatus.OK, name, outcome.reason,
+        state=' '.join(map(str, outcome.state)),
+        command=format_command(mission, outcome.action),
+        action=outcome.action.number,
+        runner_up='none' if runner_up is None else format_command(mission, runner_up),
+        values=' '.join(f'{value:.6g}' for value in outcome.values),
+        margin=f'{outcome.margin:.6g}',
+        lower_bound=f'{outcome.lower_bound:.6g}',
+        policy=digest,
+        **ages,
+    )
+
+
+def cell_pose(grid: Grid, cell: int, stamp: Time) -> PoseStamped:
+    """Return the centre of a cell in `map`."""
+    message = PoseStamped(header=Header(stamp=stamp, frame_id=FRAME))
+    message.pose.position.x, message.pose.position.y = grid.position(cell)
+    message.pose.orientation.w = 1.0
+    return message
+
+
+def markers(situation: Situation, target: int | None, stamp: Time) -> MarkerArray:
+    """Grid, goals, threat, UAV and the line to its target cell, for RViz and Foxglove."""
+    grid, array = situation.mission.grid, MarkerArray()
+
+    def add(space: str, kind: int, colour: Colour, size: float, number: int = 0) -> Marker:
+        marker = Marker(header=Header(stamp=stamp, frame_id=FRAME), ns=space, id=number, type=kind)
+        marker.pose.orientation.w = 1.0
+        marker.color = ColorRGBA(**dict(zip('rgba', colour, strict=True)))
+        marker.scale.x = marker.scale.y = marker.scale.z = size
+        array.markers.append(marker)
+        return marker
+
+    def at(marker: Marker, position: tuple[float, float]) -> Marker:
+        marker.pose.position.x, marker.pose.position.y = position
+        return marker
+
+    size = grid.cell_size
+    add('grid', Marker.LINE_LIST, GREY, size / 50).points = list(_grid_lines(grid))
+    for j, goal in enumerate(situation.mission.goals):
+        colour = PRIORITY_COLOURS[situation.priorities[j]]
+        at(add('goal', Marker.SPHERE, colour, size / 4, j), grid.position(goal.cell))
+        label = add('name', Marker.TEXT_VIEW_FACING, WHITE, size / 6, j)
+        at(label, grid.position(goal.cell)).text = f'{goal.name}: {situation.priorities[j]}'
+    cube = add('threat', Marker.CUBE, THREAT_COLOURS[situation.threat], size)
+    at(cube, grid.position(situation.cell)).scale.z = size / 50
+    line = add('target', Marker.LINE_STRIP, BLUE, size / 25)
+    if situation.position is None or target is None:
+        line.action = Marker.DELETE
+    else:
+        line.points = [_point(situation.position), _point(grid.position(target))]
+    if situation.position is not None:
+        at(add('uav', Marker.SPHERE, BLUE, size / 5), situation.position)
+    return array
+
+
+def _point(position: tuple[float, float]) -> Point:
+    return Point(x=position[0], y=position[1])
+
+
+def _grid_lines(grid: Grid) -> Iterator[Point]:
+    size = grid.cell_size
+    west, north = -size / 2, size / 2
+    east, south = west + grid.cols * size, north - grid.rows * size
+    for col in range(grid.cols + 1):
+        yield from (_point((west + col * size, north)), _point((west + col * size, south)))
+    for row in range(grid.rows + 1):
+        yield from (_point((west, north - row * size)), _point((east, north - row * size)))
