@@ -135,8 +135,7 @@ class Pilot:
 
     def resume(self, now: float) -> None:
         """Take command again, whatever the mode is; a silent manager is waited for anew."""
-        self._held, self._returning, self._hold_point = False, False, None
-        self._taken, self._adopt = '', True
+        self._held, self._returning, self._taken, self._adopt = False, False, '', True
         self._heard = max(self._heard, now)
 
     def update(self, telemetry: Telemetry | None, now: float) -> Step:
@@ -198,14 +197,13 @@ class Pilot:
     # On the ground, disarmed
 
     def _stand(self, telemetry: Telemetry, now: float) -> Step:
-        self._returning, self._hold_point = False, None
+        self._returning = False
         task, position = self._task, telemetry.fix(now)
         if self._held:
             return Step(Phase.HOLDING, 'on the ground until ~/resume')
         if task is None:
             return Step(Phase.GROUND, 'no mission command yet')
         if now - self._heard > self._settings.manager_timeout:
-            self._arrived = None
             return Step(Phase.GROUND, 'the manager is silent')
         if position is None:
             return Step(Phase.GROUND, f'{task.text}: no position yet')

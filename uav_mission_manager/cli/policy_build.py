@@ -41,7 +41,9 @@ def _build(options: argparse.Namespace) -> int:
     mission = load_mission(options.mission)
     console = Console(stderr=True)
     columns = TextColumn('{task.description}'), BarColumn(), TimeElapsedColumn()
-    with Progress(*columns, console=console, transient=True) as progress:
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as progress:
         tasks: dict[int, tuple[TaskID, float]] = {}
 
         def on_sweep(position: int, sweep: int, bound: float) -> None:

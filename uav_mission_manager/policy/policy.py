@@ -201,7 +201,7 @@ def load_policy(directory: str | Path, mission: Mission | None = None) -> Policy
     ----------
     directory : path
     mission : Mission, optional
-        Refuse a policy for other goals or another grid than this mission's.
+        Refuse a policy for goals of other names or cells, or for another grid, than this one's.
 
     Raises
     ------
@@ -211,10 +211,14 @@ def load_policy(directory: str | Path, mission: Mission | None = None) -> Policy
     contents, digest = read_policy_set(Path(directory))
     if contents.method not in METHODS:
         raise PolicyError(f'{directory}: method: {contents.method!r} is unknown')
-    for field in ('goals', 'grid'):
-        if mission and getattr(contents.mission, field) != getattr(mission, field):
-            raise PolicyError(
-                f'{directory}: mission.{field}: of {contents.mission.name!r} is not that of '
-                f'{mission.name!r}'
-            )
+    if mission is not None:
+        for what, wanted in _geography(mission).items():
+            found = _geography(contents.mission)[what]
+            if found != wanted:
+                raise PolicyError(f'{directory}: mission.{what}: {found} are not {wanted}')
     return Policy(contents.mission, contents.method, contents.solutions, digest)
+
+
+def _geography(mission: Mission) -> dict[str, object]:
+    """Return what a command means on the ground: weights may differ, these must not."""
+    return {'goals': [(goal.name, goal.cell) for goal in mission.goals], 'grid': mission.grid}

@@ -14,7 +14,7 @@ LOW_CHARGE = 21.0
 
 
 def case_one(flight: Flight) -> Iterator[Wait]:
-    """The paper's Case I: a goal is raised, reached and completed, a threat met on the way home."""
+    """The paper's Case I: a goal is raised, reached, completed; a threat on the way home."""
     (goal,) = flight.mission.goals
     yield 'the vehicle ready at the base', lambda: flight.command == 'none normal' and flight.home
     flight.ask(**{goal.name: 2})
@@ -37,7 +37,8 @@ def three_goals(flight: Flight) -> Iterator[Wait]:
     flight.ask(**{first: 1, third: 1})
     yield 'the first commitment', lambda: flight.command.startswith('commit') and flight.armed
     yield 'one goal completed', lambda: bool(flight.completed)
-    flight.ask(**{name: 1 for name in (first, third) if name not in flight.completed}, **{second: 2})
+    left = {name: 1 for name in (first, third) if name not in flight.completed}
+    flight.ask(**left, **{second: 2})
     yield f'the way to {second}', lambda: flight.command.startswith(f'commit {second}')
     yield 'evasion in the threatened cell', lambda: flight.command.endswith('agile')
     yield f'{second} completed', lambda: second in flight.completed

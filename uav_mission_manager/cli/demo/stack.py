@@ -15,12 +15,11 @@ PATIENCE = 5.0
 
 BRIDGE = {
     'allow_arming': True,
-    'agile_speed': 10.0,
     'goal_dwell': 1.0,
     'service_time': 1.0,
     'rtl_delay': 5.0,
 }
-"""The bridge's parameters that differ from its defaults: its clock runs slower than the vehicle's."""
+"""The bridge's parameters for the demo; times are short, as the vehicle's run faster."""
 
 
 class Stack:
