@@ -69,6 +69,7 @@ class MavlinkBridge(Node):
         self._mission = load_mission(path)
         self._origin = _origin(self._mission, path)
         radius = max(p.acceptance_radius, self._mission.grid.cell_size / 2.0)
+        self._command_timeout = p.manager_timeout
         self._pilot = Pilot(Settings(
             landed_radius=radius,
             **{name: getattr(p, name) for name in vars(FLIGHT) if name != 'landed_radius'}))
@@ -118,7 +119,11 @@ class MavlinkBridge(Node):
 
     # In: manager and operator
 
-    def _on_command(self, message: String) -> None:
+    def _on_command(self, message: String, info: dict[str, int]) -> None:
+        age = (info['received_timestamp'] - info['source_timestamp']) * 1e-9
+        if age > self._command_timeout:  # Latched by a manager that has fallen silent since.
+            self._log(True, f'mission_command {message.data!r} ignored: {age:.1f} s old')
+            return
         try:
             action = parse_command(self._mission, message.data)
         except ValueError as error:

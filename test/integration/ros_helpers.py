@@ -1,0 +1,172 @@
+"""Nodes under test run in processes of their own; tests speak to them over DDS only."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rcl_interfaces.srv import SetParameters
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
+from std_srvs.srv import Trigger
+
+ROOT = Path(__file__).resolve().parents[2]
+LIMIT = 60.0
+"""Seconds before a condition that never comes true fails the test."""
+
+
+@contextmanager
+def ros_domain() -> Iterator[int]:
+    """Reserve a ROS domain id on this machine: whoever holds its port has it."""
+    for domain in random.sample(range(1, 101), 100):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as guard:
+            try:
+                guard.bind(('127.0.0.1', 6100 + domain))
+            except OSError:
+                continue
+            yield domain
+            return
+    raise RuntimeError('all 100 ROS domain ids are in use')
+
+
+class NodeProcess:
+    """`python -m MODULE ARGS...` with its output in a file."""
+
+    def __init__(self, domain: int, folder: Path, module: str, *args: str, **env: str) -> None:
+        self.path = folder / f'{module.rsplit(".", 1)[-1]}-{time.monotonic_ns()}.log'
+        with self.path.open('w') as output:
+            self.process = subprocess.Popen(
+                [sys.executable, '-m', module, *args], cwd=ROOT, stdout=output,
+                stderr=subprocess.STDOUT, env=os.environ | {
+                    'ROS_DOMAIN_ID': str(domain),
+                    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+                    'ROS_HOME': str(folder), 'PYTHONUNBUFFERED': '1', **env,
+                })
+
+    @property
+    def output(self) -> str:
+        """Everything printed and logged so far."""
+        return self.path.read_text(errors='replace')
+
+    def lines(self, text: str) -> list[str]:
+        """Lines of output that contain `text`."""
+        return [line for line in self.output.splitlines() if text in line]
+
+    def wait(self) -> int:
+        """Return the exit code once the process has ended by itself."""
+        return self.process.wait(LIMIT)
+
+    def stop(self, number: int = signal.SIGTERM) -> int:
+        """Send a signal and return the exit code."""
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+        return self.wait()
+
+    def kill(self) -> None:
+        """End the process whatever it does."""
+        self.process.kill()
+        self.process.wait(LIMIT)
+
+
+class Ros:
+    """The test's side: a ROS node of its own, and the nodes under test it started."""
+
+    def __init__(self, domain: int, folder: Path) -> None:
+        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+        self.domain, self.folder = domain, folder
+        self.processes: list[NodeProcess] = []
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = Node('test_peer', context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self._publishers: dict[str, Any] = {}
+
+    def start(self, module: str, *args: str, **env: str) -> NodeProcess:
+        """Start a node: a module below uav_mission_manager, e.g. `nodes.manager`."""
+        process = NodeProcess(
+            self.domain, self.folder, f'uav_mission_manager.{module}', *args, **env)
+        self.processes.append(process)
+        return process
+
+    def listen(self, topic: str, kind: Any, qos: QoSProfile) -> list[Any]:
+        """Return a list that grows with every message."""
+        messages: list[Any] = []
+        self.node.create_subscription(kind, topic, messages.append, qos)
+        return messages
+
+    def publish(self, topic: str, message: Any, qos: QoSProfile) -> None:
+        """Publish once, after a subscriber is there."""
+        if topic not in self._publishers:
+            self._publishers[topic] = self.node.create_publisher(type(message), topic, qos)
+        publisher = self._publishers[topic]
+        self.until(lambda: publisher.get_subscription_count() > 0, f'a subscriber of {topic}')
+        publisher.publish(message)
+
+    def repeat(
+        self, topic: str, make: Callable[[], Any], qos: QoSProfile, period: float = 0.2,
+    ) -> Any:
+        """Publish `make()` while the test waits; None is left out. Returns the timer."""
+        publisher = self.node.create_publisher(type(make()), topic, qos)
+
+        def tick() -> None:
+            message = make()
+            if message is not None:
+                publisher.publish(message)
+
+        return self.node.create_timer(period, tick)
+
+    def spin(self, seconds: float) -> None:
+        """Let time pass, e.g. to see that nothing happens in it."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def until(
+        self, condition: Callable[[], Any], what: str = 'condition', limit: float = LIMIT,
+    ) -> Any:
+        """Spin until `condition()` is true and return its value."""
+        end = time.monotonic() + limit
+        while not (value := condition()):
+            if time.monotonic() > end:
+                logs = '\n'.join(process.output[-3000:] for process in self.processes)
+                raise AssertionError(f'{what}: not within {limit} s\n{logs}')
+            self.executor.spin_once(timeout_sec=0.05)
+        return value
+
+    def call(self, service: str, request: Any = None, kind: Any = Trigger) -> Any:
+        """Call a service and return its response."""
+        client = self.node.create_client(kind, service)
+        try:
+            self.until(client.service_is_ready, f'service {service}')
+            future = client.call_async(request or kind.Request())
+            self.until(future.done, f'an answer of {service}')
+            return future.result()
+        finally:
+            self.node.destroy_client(client)
+
+    def set_parameter(self, node: str, name: str, value: Any) -> Any:
+        """Set a parameter of another node and return the SetParametersResult."""
+        message = Parameter(name, value=value).to_parameter_msg()
+        request = SetParameters.Request(parameters=[message])
+        return self.call(f'{node}/set_parameters', request, SetParameters).results[0]
+
+    def close(self) -> None:
+        """End every process and this node."""
+        for process in self.processes:
+            process.kill()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)

@@ -1,0 +1,323 @@
+"""The manager in a process of its own, spoken to through its topics and services only."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry
+from ros_helpers import ROOT, NodeProcess, Ros
+from sensor_msgs.msg import BatteryState
+from std_msgs.msg import MultiArrayDimension, String, UInt8MultiArray
+from visualization_msgs.msg import MarkerArray
+
+from uav_mission_manager import build_policy, load_mission
+from uav_mission_manager.nodes import qos
+
+CASE_STUDY = ROOT / 'config' / 'case_study.yaml'
+SHIPPED = ROOT / 'policies' / 'case_study'
+
+
+def request(values: list[int], label: str = '') -> UInt8MultiArray:
+    message = UInt8MultiArray(data=values)
+    message.layout.dim = [MultiArrayDimension(label=label)] if label else []
+    return message
+
+
+class Flight:
+    """A vehicle that repeats its state, and everything the manager says about it."""
+
+    def __init__(self, ros: Ros) -> None:
+        self.ros, self.grid = ros, load_mission(CASE_STUDY).grid
+        self.charge, self.cell, self.fault = 0.9, 0, 'nominal'
+        self.silent = False
+        ros.repeat('battery_state', self._battery, qos.SENSOR)
+        ros.repeat('odom', self._odometry, qos.SENSOR)
+        ros.repeat('fault_mode', self._fault, qos.STATE_IN)
+        self.commands = ros.listen('mission_command', String, qos.LATCHED)
+        self.poses = ros.listen('command_pose', PoseStamped, qos.LATCHED)
+        self.goals = ros.listen('goal_states', UInt8MultiArray, qos.LATCHED)
+        self.decisions = ros.listen('manager/decision', DiagnosticArray, qos.LATCHED)
+        self.markers = ros.listen('manager/markers', MarkerArray, qos.LATCHED)
+        self.diagnostics = ros.listen('/diagnostics', DiagnosticArray, qos.RELIABLE)
+
+    def _battery(self) -> BatteryState | None:
+        return None if self.silent else BatteryState(percentage=self.charge)
+
+    def _odometry(self) -> Odometry | None:
+        if self.silent:
+            return None
+        message = Odometry()
+        message.header.frame_id = 'map'
+        position = message.pose.pose.position
+        position.x, position.y = self.grid.position(self.cell)
+        return message
+
+    def _fault(self) -> String | None:
+        return None if self.silent else String(data=self.fault)
+
+    def ask(self, values: list[int], label: str = '') -> None:
+        self.ros.publish('goal_priorities', request(values, label), qos.STATE_IN)
+
+    def complete(self, goal: str) -> None:
+        self.ros.publish('goal_completed', String(data=goal), qos.EVENT)
+
+    def threat(self, level: str) -> None:
+        self.ros.publish('threat_level', String(data=level), qos.STATE_IN)
+
+    def until_command(self, command: str) -> None:
+        self.ros.until(lambda: self.commands and self.commands[-1].data == command,
+                       f'command {command!r}')
+
+    def until_target(self, x: float, y: float) -> None:
+        def there() -> bool:
+            position = self.poses[-1].pose.position
+            return (position.x, position.y) == (x, y)
+
+        self.ros.until(there, f'target {x}, {y}')
+
+    def until_goals(self, values: list[int]) -> None:
+        self.ros.until(lambda: self.goals and list(self.goals[-1].data) == values,
+                       f'goal_states {values}')
+
+    def decision(self) -> dict[str, str]:
+        return {pair.key: pair.value for pair in self.decisions[-1].status[0].values}
+
+    def diagnosis(self, part: str) -> DiagnosticStatus:
+        status = {s.name.rsplit(' ', 1)[-1]: s for s in self.diagnostics[-1].status}
+        return status[part]
+
+    def until_diagnosis(self, part: str, level: bytes, words: str) -> None:
+        def seen() -> bool:
+            if not self.diagnostics:
+                return False
+            status = self.diagnosis(part)
+            return status.level == level and words in status.message
+
+        self.ros.until(seen, f'diagnostics {part}: {words}')
+
+
+@pytest.fixture
+def flight(ros: Ros) -> Flight:
+    return Flight(ros)
+
+
+@pytest.fixture
+def manager(ros: Ros, flight: Flight) -> NodeProcess:
+    process = ros.start('nodes.manager')
+    flight.until_command('none normal')
+    ros.until(lambda: flight.goals and flight.decisions and flight.markers, 'every topic')
+    ros.until(lambda: 'command' in flight.decision(), 'a decision')
+    return process
+
+
+def test_case_one_through_topics(ros: Ros, flight: Flight, manager: NodeProcess) -> None:
+    flight.ask([2, 0, 0], 'a')
+    flight.until_command('commit goal1 normal')
+    flight.until_goals([2, 0, 0])
+    flight.until_target(50.0, -50.0)
+    assert flight.poses[-1].header.frame_id == 'map'
+
+    flight.cell = 5
+    ros.until(lambda: flight.decision()['state'] == '1 1 1 1 2 0 0 5 1 0 0', 'arrival')
+    assert flight.commands[-1].data == 'commit goal1 normal'
+    flight.complete('goal1')
+    flight.until_command('none normal')
+    flight.threat('high')
+    flight.until_command('none agile')
+    flight.cell = 0
+    flight.threat('none')
+    flight.until_command('none normal')
+
+    # A repetition of the same request does not send it out again; a new one does.
+    flight.ask([2, 0, 0], 'a')
+    ros.spin(1.5)
+    assert flight.commands[-1].data == 'none normal'
+    assert list(flight.goals[-1].data) == [0, 0, 0]
+    flight.ask([2, 0, 0], 'b')
+    flight.until_command('commit goal1 normal')
+    assert len(manager.lines('commit goal1 normal: goal1 has high priority')) == 2
+
+
+def test_decision_says_why(ros: Ros, flight: Flight, manager: NodeProcess) -> None:
+    flight.ask([0, 1, 2])
+    flight.until_goals([0, 1, 2])
+    ros.until(lambda: flight.decision()['command'].startswith('commit'), 'a commitment')
+    decision = flight.decision()
+    values = [float(value) for value in decision['values'].split()]
+    assert len(values) == 10
+    assert values[int(decision['action']) - 1] == min(values)
+    assert float(decision['margin']) >= 0.0
+    assert 0.0 < float(decision['lower_bound']) <= min(values) + 1e-3
+    assert len(decision['policy']) == 64
+    assert 0.0 <= float(decision['age odom [s]']) < 3.0
+    assert flight.decisions[-1].status[0].message
+    kinds = {marker.ns for marker in flight.markers[-1].markers}
+    assert kinds == {'grid', 'goal', 'name', 'threat', 'target', 'uav'}
+
+
+def test_fault_and_low_battery_send_it_to_service(flight: Flight, manager: NodeProcess) -> None:
+    flight.fault = 'actuator'
+    flight.until_command('repair')
+    flight.until_target(50.0, 0.0)
+    flight.fault, flight.charge = 'nominal', 0.05
+    flight.until_command('recharge')
+    flight.charge = 1.0
+    flight.until_command('none normal')
+
+
+def test_bad_inputs_are_one_line_each_and_change_nothing(
+    ros: Ros, flight: Flight, manager: NodeProcess,
+) -> None:
+    flight.ask([2, 0, 0], 'a')
+    flight.until_command('commit goal1 normal')
+    for _ in range(3):
+        ros.publish('battery_state', BatteryState(percentage=math.nan), qos.SENSOR)
+        flight.ask([2, 0], 'b')
+        ros.publish('fault_mode', String(data='engine'), qos.STATE_IN)
+        flight.threat('extreme')
+        flight.complete('goal7')
+    flight.ask([0, 0, 3], 'c')
+    complaints = (
+        'battery_state: percentage nan is unknown', 'goal_priorities: data has 2 values, not 3',
+        "fault_mode: 'engine' is not one of", "threat_level: 'extreme' is not one of",
+        "goal_completed: 'goal7' is not one of", 'goal_priorities: goal3 is 3, not 0, 1 or 2',
+    )
+    ros.until(lambda: all(manager.lines(complaint) for complaint in complaints), 'complaints')
+    # Good battery and fault messages come in between, so those two may be news again.
+    for complaint in complaints[1], complaints[3], complaints[4], complaints[5]:
+        assert len(manager.lines(complaint)) == 1
+    flight.until_diagnosis('inputs', DiagnosticStatus.WARN, 'threat_level')
+    ros.spin(1.0)
+    assert flight.commands[-1].data == 'commit goal1 normal'
+    assert list(flight.goals[-1].data) == [2, 0, 0]
+    assert flight.decision()['state'].startswith('1 1 1 1 2 0 0')
+    assert 'Traceback' not in manager.output
+
+
+def test_unknown_battery_falls_silent_and_recovers(
+    ros: Ros, flight: Flight, manager: NodeProcess,
+) -> None:
+    flight.charge = math.nan
+    flight.until_diagnosis('link', DiagnosticStatus.ERROR, 'link lost: battery_state ')
+    assert len(manager.lines('battery_state: percentage nan')) == 1
+    flight.charge = 0.9
+    flight.until_diagnosis('link', DiagnosticStatus.OK, 'all inputs fresh')
+
+
+def test_lost_link_means_silence_until_it_is_back(
+    ros: Ros, flight: Flight, manager: NodeProcess,
+) -> None:
+    flight.silent = True
+    flight.until_diagnosis('link', DiagnosticStatus.ERROR, 'link lost: battery_state')
+    assert 's old, odom ' in flight.diagnosis('link').message
+    ros.until(lambda: flight.decisions[-1].status[0].level == DiagnosticStatus.ERROR, 'a refusal')
+    said = len(flight.commands), len(flight.poses)
+    flight.ask([2, 0, 0], 'a')
+    flight.until_goals([2, 0, 0])
+    ros.spin(2.5)
+    assert (len(flight.commands), len(flight.poses)) == said
+    assert len(manager.lines('link lost')) == 1
+    flight.silent = False
+    flight.until_command('commit goal1 normal')
+    flight.until_diagnosis('link', DiagnosticStatus.OK, 'all inputs fresh')
+
+
+def test_command_is_repeated_and_latched(ros: Ros, flight: Flight, manager: NodeProcess) -> None:
+    said = len(flight.commands)
+    ros.until(lambda: len(flight.commands) >= said + 2, 'repetition')
+    late = ros.listen('mission_command', String, qos.LATCHED)
+    ros.until(lambda: late, 'the latched command')
+
+
+def test_reset_goals(ros: Ros, flight: Flight, manager: NodeProcess) -> None:
+    flight.ask([2, 1, 0], 'a')
+    flight.until_command('commit goal1 normal')
+    assert ros.call('manager/reset_goals').success
+    flight.until_command('none normal')
+    flight.until_goals([0, 0, 0])
+
+
+def test_policies_are_taken_over_or_refused_in_flight(
+    ros: Ros, flight: Flight, manager: NodeProcess, tmp_path: Path,
+) -> None:
+    before = flight.decision()['policy']
+    good, broken, other = tmp_path / 'good', tmp_path / 'broken', tmp_path / 'other'
+    build_policy(load_mission(CASE_STUDY), method='split').save(good)
+    shutil.copytree(good, broken)
+    array = next(broken.glob('*.npy'))
+    data = bytearray(array.read_bytes())
+    data[-1] ^= 1
+    array.write_bytes(data)
+    mission = yaml.safe_load(CASE_STUDY.read_text())
+    mission['goals'] = mission['goals'][:2]
+    (tmp_path / 'other.yaml').write_text(yaml.safe_dump(mission))
+    build_policy(load_mission(tmp_path / 'other.yaml')).save(other)
+
+    def announce(path: Path) -> None:
+        ros.publish('policy_set', String(data=str(path)), qos.LATCHED)
+
+    for path in broken, other, tmp_path / 'nowhere':
+        announce(path)
+        ros.until(lambda path=path: manager.lines(f'the old one kept: {path}'), f'{path} refused')
+    flight.until_diagnosis('policy', DiagnosticStatus.WARN, 'policy set refused')
+    assert flight.decision()['policy'] == before
+    announce(good)
+    ros.until(lambda: flight.decision()['policy'] != before, 'take-over')
+    flight.until_diagnosis('policy', DiagnosticStatus.OK, str(good))
+    flight.until_command('none normal')
+
+    shutil.rmtree(good)
+    answer = ros.call('manager/reload_policy')
+    assert not answer.success
+    assert str(good) in answer.message
+    build_policy(load_mission(CASE_STUDY)).save(good)
+    assert ros.call('manager/reload_policy').success
+    ros.until(lambda: flight.decision()['policy'] == before, 'the reloaded policy')
+    assert 'Traceback' not in manager.output
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_stops_cleanly(manager: NodeProcess, number: int) -> None:
+    assert manager.stop(number) == 0
+    assert 'Traceback' not in manager.output
+
+
+def test_parameter_file_and_namespace(ros: Ros) -> None:
+    process = ros.start('nodes.manager', '--ros-args', '-r', '__ns:=/uav1', '--params-file',
+                        str(ROOT / 'config' / 'nodes.yaml'))
+    heard = ros.listen('/uav1/goal_states', UInt8MultiArray, qos.LATCHED)
+    ros.until(lambda: heard, 'goal_states in the namespace')
+    assert process.process.poll() is None
+
+
+def _without_energy(tmp_path: Path) -> str:
+    mission = yaml.safe_load(CASE_STUDY.read_text())
+    del mission['energy']
+    (tmp_path / 'mission.yaml').write_text(yaml.safe_dump(mission))
+    build_policy(load_mission(tmp_path / 'mission.yaml')).save(tmp_path / 'set')
+    return f'policy:={tmp_path / "set"}'
+
+
+@pytest.mark.parametrize(('argument', 'words'), [
+    ('policy:=/nonexistent', '/nonexistent'),
+    ('input_timeout:=.nan', 'parameter input_timeout'),
+    ('rate:=1000.0', 'parameter rate'),
+    (_without_energy, 'mission case_study: no energy section'),
+])
+def test_refuses_to_start_with_one_line(
+    ros: Ros, tmp_path: Path, argument: Any, words: str,
+) -> None:
+    if callable(argument):
+        argument = argument(tmp_path)
+    process = ros.start('nodes.manager', '--ros-args', '-p', argument)
+    assert process.wait() == 1
+    assert len(process.output.splitlines()) == 1
+    assert words in process.output

@@ -1,0 +1,291 @@
+"""The bridge and the simulated autopilot in processes of their own, over DDS and UDP."""
+
+from __future__ import annotations
+
+import math
+import signal
+import socket
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from ros_helpers import ROOT, Ros
+from sensor_msgs.msg import BatteryState, NavSatFix
+from std_msgs.msg import String
+
+from uav_mission_manager.mdp import load_mission
+from uav_mission_manager.nodes import qos
+
+CASE_STUDY = ROOT / 'config' / 'case_study.yaml'
+GRID = load_mission(CASE_STUDY).grid
+SPEEDUP = 10
+GOAL1, GOAL2 = (GRID.position(cell) for cell in (5, 3))
+SERVICE = GRID.position(GRID.service)
+
+
+class Chain:
+    """Simulated autopilot, bridge, a manager that repeats `command`, and a second ground link."""
+
+    def __init__(self, ros: Ros, allow_arming: bool = True, **parameters: object) -> None:
+        self.ros = ros
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(('127.0.0.1', 0))
+            self.port = probe.getsockname()[1]
+        self.ground = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.ground.bind(('127.0.0.1', 0))
+        self.ground.setblocking(False)
+        self.mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+        self.start_simulator()
+        settings = {
+            'mission': CASE_STUDY, 'connection': f'udpin:127.0.0.1:{self.port}',
+            'goal_dwell': 1.0, 'service_time': 1.0, 'manager_timeout': 2.0, 'rtl_delay': 3.0,
+            'allow_arming': allow_arming, **parameters}
+        arguments = [part for key, value in settings.items() for part in ('-p', f'{key}:={value}')]
+        self.bridge = ros.start('nodes.mavlink_bridge', '--ros-args', *arguments)
+        self.command: str | None = None
+        self._commands = ros.node.create_publisher(String, 'mission_command', qos.LATCHED)
+        ros.node.create_timer(0.2, self._repeat)
+        self.batteries = ros.listen('battery_state', BatteryState, qos.SENSOR)
+        self.odom = ros.listen('odom', Odometry, qos.SENSOR)
+        self.fixes = ros.listen('global_position', NavSatFix, qos.SENSOR)
+        self.faults = ros.listen('fault_mode', String, qos.STATE_IN)
+        self.completed = ros.listen('goal_completed', String, qos.EVENT)
+        self.diagnostics = ros.listen('/diagnostics', DiagnosticArray, qos.RELIABLE)
+
+    def start_simulator(self) -> None:
+        origin = GRID.origin
+        self.simulator = self.ros.start(
+            'autopilot.sim_autopilot', '--connection', f'udpout:127.0.0.1:{self.port}',
+            '--connection', f'udpout:127.0.0.1:{self.ground.getsockname()[1]}',
+            f'--origin={origin.latitude},{origin.longitude},{origin.altitude}',
+            f'--speedup={SPEEDUP}')
+
+    def _repeat(self) -> None:
+        if self.command is not None:
+            self._commands.publish(String(data=self.command))
+
+    @property
+    def status(self) -> DiagnosticStatus:
+        return self.diagnostics[-1].status[0] if self.diagnostics else DiagnosticStatus()
+
+    def value(self, key: str) -> str:
+        return next((v.value for v in self.status.values if v.key == key), '')
+
+    def distance(self, place: tuple[float, float]) -> float:
+        if not self.odom:
+            return math.inf
+        position = self.odom[-1].pose.pose.position
+        return math.hypot(position.x - place[0], position.y - place[1])
+
+    @property
+    def height(self) -> float:
+        return self.odom[-1].pose.pose.position.z
+
+    def until(self, condition: Callable[[], Any], what: str) -> Any:
+        return self.ros.until(condition, f'{what}; the bridge says {self.status.message!r}')
+
+    def until_phase(self, phase: str) -> None:
+        self.until(lambda: self.value('phase') == phase, phase)
+
+    def until_down_at(self, place: tuple[float, float]) -> None:
+        self.until(lambda: self.value('armed') == 'False' and self.distance(place) < 5.0
+                   and abs(self.height) < 1.0, f'landed at {place}')
+
+    def say(self, message: Any) -> None:
+        """Send a message to the autopilot from the ground."""
+        def address() -> Any:
+            try:
+                return self.ground.recvfrom(2048)[1]
+            except BlockingIOError:
+                return None
+
+        self.ground.sendto(message.pack(self.mav), self.until(address, 'the simulator'))
+
+    def set(self, name: str, value: float) -> None:
+        self.say(mavlink.MAVLink_param_set_message(
+            1, 1, name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32))
+
+    def close(self) -> None:
+        self.ground.close()
+
+
+@pytest.fixture
+def chain(ros: Ros):
+    chains: list[Chain] = []
+
+    def make(**parameters: object) -> Chain:
+        chains.append(Chain(ros, **parameters))
+        return chains[-1]
+
+    yield make
+    for each in chains:
+        each.close()
+
+
+def test_a_goal_a_weak_motor_a_repair_and_home(chain):
+    flight = chain()
+    flight.command = 'commit goal1 normal'
+    flight.until(lambda: flight.completed, 'goal completed')
+    assert flight.distance(GOAL1) < 5.0
+    assert flight.height == pytest.approx(20.0, abs=2.0)
+    assert flight.faults[-1].data == 'nominal'
+    assert 0.5 < flight.batteries[-1].percentage <= 1.0
+    assert flight.batteries[-1].current < 0.0
+    origin = GRID.origin.to_local(flight.fixes[-1].latitude, flight.fixes[-1].longitude)
+    assert math.dist(origin, GOAL1) < 5.0
+
+    flight.set('SIM_ENGINE_MUL', 0.75)
+    flight.set('SIM_ENGINE_FAIL', 1)
+    flight.until(lambda: flight.faults[-1].data == 'actuator', 'fault mode actuator')
+    flight.command = 'repair'
+    flight.until_down_at(SERVICE)
+    assert flight.faults[-1].data == 'actuator'
+    flight.set('SIM_ENGINE_FAIL', 0)
+    flight.until(lambda: flight.faults[-1].data == 'nominal', 'repaired')
+
+    flight.command = 'none normal'
+    flight.until_down_at(GRID.position(GRID.base))
+    flight.until_phase('on the ground')
+    assert {message.data for message in flight.completed} == {'goal1'}
+
+
+def test_a_new_command_retargets_and_agile_is_faster(chain):
+    def fastest() -> float:
+        return max(math.hypot(m.twist.twist.linear.x, m.twist.twist.linear.y) for m in flight.odom)
+
+    flight = chain(goal_dwell=100.0)
+    flight.command = 'commit goal1 normal'
+    flight.until(lambda: flight.distance(GOAL1) < 30.0, 'nearly there')
+    assert 4.0 < fastest() < 6.0
+    flight.command = 'commit goal2 agile'
+    flight.until(lambda: flight.distance(GOAL2) < 3.0, 'goal2')
+    assert 8.0 < fastest() < 11.0
+    assert not flight.completed
+    flight.command = 'recharge'
+    flight.until_down_at(SERVICE)
+
+
+def test_silence_holds_then_returns_to_launch(chain):
+    flight = chain(cruise_speed=2.0)
+    flight.command = 'commit goal2 normal'
+    flight.until(lambda: flight.odom and flight.distance((0.0, 0.0)) > 30.0, 'under way')
+    flight.command = None
+    flight.until_phase('holding')
+    assert flight.distance((0.0, 0.0)) > 30.0
+    assert flight.value('mode') == 'GUIDED'
+    flight.until_phase('returning to launch')
+    flight.until_down_at((0.0, 0.0))
+    assert flight.value('mode') == 'RTL'
+
+
+def test_a_pilot_takes_over_until_resume(chain, ros):
+    flight = chain(cruise_speed=1.0)
+    flight.command = 'commit goal2 normal'
+    flight.until_phase('en route')
+    flight.say(mavlink.MAVLink_command_long_message(
+        1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, 5, 0, 0, 0, 0, 0))
+    flight.until_phase('pilot in command')
+    ros.spin(3.0)
+    assert (flight.value('mode'), flight.value('phase')) == ('LOITER', 'pilot in command')
+    assert len(flight.bridge.lines('pilot in command: LOITER was not ordered from here')) == 1
+    assert not ros.call('mavlink_bridge/hold').success
+    assert ros.call('mavlink_bridge/resume').success
+    flight.until_phase('en route')
+
+
+def test_hold_and_resume(chain, ros):
+    flight = chain(cruise_speed=1.0)
+    flight.command = 'commit goal2 normal'
+    flight.until_phase('en route')
+    assert ros.call('mavlink_bridge/hold').success
+    flight.until_phase('holding')
+    assert ros.call('mavlink_bridge/resume').success
+    flight.until_phase('en route')
+
+
+def test_without_autopilot_the_topics_stop_and_come_back(chain, ros):
+    flight = chain()
+    flight.until(lambda: flight.batteries and flight.odom and flight.faults, 'telemetry')
+    flight.simulator.stop(signal.SIGKILL)
+    flight.until(lambda: flight.status.level == DiagnosticStatus.ERROR, 'link lost')
+    counts = [len(m) for m in (flight.batteries, flight.odom, flight.fixes, flight.faults)]
+    ros.spin(3.0)
+    assert counts == [
+        len(m) for m in (flight.batteries, flight.odom, flight.fixes, flight.faults)]
+    flight.start_simulator()
+    flight.until(lambda: len(flight.odom) > counts[1] and len(flight.faults) > counts[3], 'back')
+
+
+def test_a_bad_command_is_one_line_and_the_last_good_is_kept(chain, ros):
+    flight = chain(cruise_speed=1.0)
+    flight.command = 'commit goal2 normal'
+    flight.until_phase('en route')
+    flight.command = 'commit goal9 normal'
+    flight.until(lambda: flight.bridge.lines('goal9'), 'a complaint')
+    ros.spin(1.0)
+    assert flight.value('command') == 'commit goal2 normal'
+    assert len(flight.bridge.lines('goal9')) == 1
+
+
+def test_without_allow_arming_it_stays_on_the_ground(chain, ros):
+    flight = chain(allow_arming=False)
+    flight.command = 'commit goal1 normal'
+    flight.until(lambda: 'allow_arming' in flight.status.message, 'a word about it')
+    ros.spin(3.0)
+    assert (flight.value('armed'), flight.value('mode')) == ('False', 'STABILIZE')
+
+
+def test_command_pose_refines_the_point_but_never_changes_the_cell(chain, ros):
+    def pose(x: float, y: float) -> None:
+        message = PoseStamped()
+        message.header.frame_id = 'map'
+        message.pose.position.x, message.pose.position.y = x, y
+        ros.publish('command_pose', message, qos.LATCHED)
+
+    flight = chain()
+    within = (GOAL1[0] + 15.0, GOAL1[1] - 10.0)
+    pose(*GOAL2)
+    flight.command = 'commit goal1 normal'
+    flight.until(lambda: flight.completed, 'goal completed in spite of an old pose')
+    assert flight.distance(GOAL1) < 5.0
+    pose(*within)
+    flight.until(lambda: flight.distance(within) < 3.0, 'the refined point')
+
+
+@pytest.mark.parametrize(('parameter', 'complaint'), [
+    ('connection:=udpin:127.0.0.1:nowhere', 'udpin:127.0.0.1:nowhere'),
+    ('cruise_speed:=.nan', 'cruise_speed'),
+    ('cruise_speed:=-1.0', 'cruise_speed'),
+    ('mission:=no_such_mission.yaml', 'no_such_mission.yaml'),
+])
+def test_what_cannot_start_says_so_in_one_line(ros, parameter, complaint):
+    bridge = ros.start('nodes.mavlink_bridge', '--ros-args', '-p', parameter)
+    assert bridge.wait() == 1
+    assert len(bridge.lines(complaint)) == 1
+    assert 'Traceback' not in bridge.output
+
+
+def test_a_mission_without_origin_cannot_be_flown(ros, tmp_path):
+    mission = yaml.safe_load(CASE_STUDY.read_text())
+    del mission['grid']['origin']
+    path = tmp_path / 'indoors.yaml'
+    path.write_text(yaml.safe_dump(mission))
+    bridge = ros.start('nodes.mavlink_bridge', '--ros-args', '-p', f'mission:={path}')
+    assert bridge.wait() == 1
+    [line] = bridge.lines('indoors.yaml')
+    assert 'grid.origin is missing' in line
+
+
+def test_a_command_left_over_by_a_silent_manager_is_ignored(ros: Ros, chain):
+    leftover = ros.node.create_publisher(String, 'mission_command', qos.LATCHED)
+    leftover.publish(String(data='commit goal1 normal'))
+    ros.spin(2.5)
+    flight = chain()
+    flight.until(lambda: flight.bridge.lines("'commit goal1 normal' ignored"), 'a warning')
+    flight.until_phase('on the ground')
+    assert not flight.value('command')

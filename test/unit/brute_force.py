@@ -1,0 +1,231 @@
+"""Reference model: every state, action and successor written out; policy iteration.
+
+It reads the parsed mission file itself and shares no code, no array layout and no algorithm with
+the package. Only tests use it: it holds the transition matrix the solver never forms.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse import linalg
+
+SENSOR, ACTUATOR, CAMERA = 1, 2, 4
+IMPROVEMENT = 1e-12
+"""Gain, relative to the largest cost, below which policy iteration calls two actions equal."""
+
+
+def independent(*marginals):
+    """Outcomes of independent variables, each a list of (value, probability): lists of values."""
+    for outcome in itertools.product(*marginals):
+        probability = math.prod(p for _, p in outcome)
+        if probability > 0:
+            yield [value for value, _ in outcome], probability
+
+
+class BruteForce:
+    """The mission's MDP, states as tuples (f, r_1.., g_1.., l, c, t, m)."""
+
+    def __init__(self, document):
+        self.document = document
+        self.goals = document['goals']
+        self.k = len(self.goals)
+        self.rows, self.cols = document['grid']['rows'], document['grid']['cols']
+        self.base, self.service = document['grid']['base'], document['grid']['service']
+        self.actions = range(1, 2 * self.k + 5)
+
+    @cached_property
+    def states(self):
+        k, cells = self.k, self.rows * self.cols
+        axes = [range(1, 9), *[range(2)] * k, *[range(3)] * k, range(cells), range(k + 1)]
+        return list(itertools.product(*axes, range(3), range(2)))
+
+    def split(self, state):
+        """(f, (r_1..), (g_1..), l, c, t, m)."""
+        k = self.k
+        return (state[0], state[1:1 + k], state[1 + k:1 + 2 * k], *state[1 + 2 * k:])
+
+    def effect(self, action):
+        """(kind, agile, c', destination) of a global action."""
+        k, cells = self.k, [goal['cell'] for goal in self.goals]
+        if action == 1:
+            return 'none', 0, 0, self.base
+        if action <= k + 1:
+            return 'commit', 0, action - 1, cells[action - 2]
+        if action == k + 2:
+            return 'none', 1, 0, self.base
+        if action <= 2 * k + 2:
+            return 'commit', 1, action - k - 2, cells[action - k - 3]
+        return 'recharge' if action == 2 * k + 3 else 'repair', 0, 0, self.service
+
+    def allowed(self, state, action):
+        if self.document.get('feasibility') == 'seed':
+            return True
+        f, r, g, *_ = self.split(state)
+        kind, _, goal, _ = self.effect(action)
+        if kind == 'commit':
+            return g[goal - 1] > 0 and r[goal - 1] == 1 and self.completion(f) > 0
+        if kind == 'recharge':
+            return 0 in r
+        return f > 1 if kind == 'repair' else True
+
+    def completion(self, f):
+        return self.document['faults']['completion'][f - 1]
+
+    def steps(self, a, b):
+        return abs(a // self.cols - b // self.cols) + abs(a % self.cols - b % self.cols)
+
+    def next_cell(self, cell, destination):
+        if cell == destination:
+            return cell
+        closer = [n for n in range(self.rows * self.cols) if self.steps(n, cell) == 1
+                  and self.steps(n, destination) == self.steps(cell, destination) - 1]
+        return min(closer)
+
+    def cost(self, state, action):
+        doc = self.document
+        f, r, g, cell, c, t, m = self.split(state)
+        kind, _, _, destination = self.effect(action)
+        total = 0.0
+        for j, goal in enumerate(self.goals):
+            total += goal['eta'] * g[j] * r[j] * (0 if c == j + 1 else 1)
+            total += goal['delta'] * g[j] * (1 - r[j])
+            total += doc['range']['cost'] / self.k * (1 - r[j])
+        south = cell // self.cols - destination // self.cols
+        east = cell % self.cols - destination % self.cols
+        total += doc['distance_weight'] * math.sqrt(south**2 + east**2)
+        if cell == self.service and kind in ('recharge', 'repair'):
+            total += doc.get('service_cost', {}).get(kind, 0.0)
+        return total + doc['faults']['cost'][f - 1] + doc['threat']['cost'][t][m]
+
+    def fault_outcomes(self, f, agile):
+        """(f', probability) of one epoch in flight."""
+        faults = self.document['faults']
+        bits = []
+        for part, bit in (('sensor', SENSOR), ('actuator', ACTUATOR), ('camera', CAMERA)):
+            rate = faults['rate'][part]
+            if agile:
+                rate = min(1.0, rate * faults['agile_factor'][part])
+            bits.append([(bit, 1.0)] if (f - 1) & bit else [(bit, rate), (0, 1.0 - rate)])
+        return [(1 + sum(values), p) for values, p in independent(*bits)]
+
+    def health_outcomes(self, state, action):
+        """(f', probability) and, a goal each, (r_j', probability)."""
+        f, r, _, cell, *_ = self.split(state)
+        kind, agile, _, _ = self.effect(action)
+        if kind == 'none' and not agile and cell == self.base:
+            return [(f, 1.0)], [[(flag, 1.0)] for flag in r]
+        if kind == 'recharge' and cell == self.service:
+            return [(f, 1.0)], [[(1, 1.0)] for _ in r]
+        if kind == 'repair' and cell == self.service:
+            success = self.document['faults'].get('repair_success', 1.0)
+            return [(1, success), (f, 1.0 - success)], [[(flag, 1.0)] for flag in r]
+        loss = self.document['range']['loss']['agile' if agile else 'normal']
+        flags = [[(0, loss), (1, 1.0 - loss)] if flag else [(0, 1.0)] for flag in r]
+        return self.fault_outcomes(f, agile), flags
+
+    def threat_outcomes(self, t, cell):
+        threat = self.document['threat']
+        if t:
+            return list(enumerate(threat['from_low' if t == 1 else 'from_high']))
+        onset = threat.get('zones', {}).get(cell, threat['onset'])
+        high = threat['high_share']
+        return [(0, 1 - onset), (1, onset * (1 - high)), (2, onset * high)]
+
+    def priority_outcomes(self, j, level):
+        common = self.document.get('priority_transition')
+        return list(enumerate(self.goals[j].get('priority_transition', common)[level]))
+
+    def goal_on_site(self, state):
+        """Number of the goal the UAV is committed to and on the cell of, else 0."""
+        *_, cell, c, _, _ = state
+        return c if c > 0 and cell == self.goals[c - 1]['cell'] else 0
+
+    def successors(self, state, action):
+        """Every (state', probability) of one epoch."""
+        f, _, g, cell, _, t, _ = self.split(state)
+        _, agile, commitment, destination = self.effect(action)
+        faults, flags = self.health_outcomes(state, action)
+        after = self.next_cell(cell, destination)
+        threats = self.threat_outcomes(t, after)
+        on_site = self.goal_on_site(state)
+        done = self.completion(f) if on_site else 0.0
+        for completed, weight in ((True, done), (False, 1.0 - done)):
+            if weight == 0:
+                continue
+            goals = [self.priority_outcomes(j, g[j]) for j in range(self.k)]
+            if completed:
+                goals[on_site - 1] = [(0, 1.0)]
+            c_next = 0 if completed else commitment
+            for values, p in independent(faults, *flags, *goals, threats):
+                yield (*values[:-1], after, c_next, values[-1], agile), weight * p
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Q of all states, shape (N, 2k+4), inf where not allowed, and the states, shape (N, 2k+5)."""
+
+    states: np.ndarray
+    q: np.ndarray
+
+    @property
+    def v(self):
+        return self.q.min(axis=1)
+
+
+def matrices(model):
+    """Costs (N, A), the successor rows as one CSR matrix, and the row of each (state, action).
+
+    States that differ only in what `successors` does not read share a row.
+    """
+    number = {state: i for i, state in enumerate(model.states)}
+    shape = (len(model.states), len(model.actions))
+    costs, row_of = np.full(shape, np.inf), np.zeros(shape, dtype=int)
+    known, indptr, columns, data = {}, [0], [], []
+    for (i, state), action in itertools.product(enumerate(model.states), model.actions):
+        if not model.allowed(state, action):
+            continue
+        costs[i, action - 1] = model.cost(state, action)
+        key = (*state[:-3], model.goal_on_site(state), state[-2], action)
+        if key not in known:
+            known[key] = len(known)
+            row = {}
+            for after, p in model.successors(state, action):
+                row[number[after]] = row.get(number[after], 0.0) + p
+            columns.extend(row)
+            data.extend(row.values())
+            indptr.append(len(data))
+        row_of[i, action - 1] = known[key]
+    rows = sparse.csr_matrix((data, columns, indptr), shape=(len(known), shape[0]))
+    return costs, rows, row_of
+
+
+def evaluate(costs, rows, row_of, discount):
+    """Cost of a policy: V = J + discount R W, W = U V, U its distinct rows, R who uses which."""
+    used, position = np.unique(row_of, return_inverse=True)
+    n = len(used)
+    users = sparse.csr_matrix((np.ones(len(costs)), (np.arange(len(costs)), position.ravel())))
+    system = sparse.identity(n) - discount * (rows[used] @ users)
+    expected = linalg.spsolve(system.tocsc(), rows[used] @ costs)
+    return costs + discount * users @ expected
+
+
+def solve(model):
+    """Policy iteration to the end: no action beats the policy's own any more."""
+    costs, rows, row_of = matrices(model)
+    discount = model.document['discount']
+    everyone = np.arange(len(costs))
+    policy = np.zeros(len(costs), dtype=int)
+    for _ in range(200):
+        v = evaluate(costs[everyone, policy], rows, row_of[everyone, policy], discount)
+        q = costs + discount * (rows @ v)[row_of]
+        better = q.min(axis=1) < q[everyone, policy] - IMPROVEMENT * np.abs(v).max()
+        if not better.any():
+            return Solution(np.array(model.states), q)
+        policy = np.where(better, q.argmin(axis=1), policy)
+    raise ArithmeticError('policy iteration did not end')

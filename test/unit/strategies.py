@@ -1,0 +1,127 @@
+"""Missions for the tests: the shipped one, cuts of it, and random ones from Hypothesis."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import yaml
+from hypothesis import strategies as st
+
+from uav_mission_manager.paths import share_directory
+
+CASE_STUDY = share_directory() / 'config' / 'case_study.yaml'
+PARTS = ('sensor', 'actuator', 'camera')
+_DOCUMENT = yaml.safe_load(CASE_STUDY.read_text())
+
+
+def case_study(*goals, **changes):
+    """Parsed case study, cut to the given goals (from 1; all by default), some fields changed."""
+    document = copy.deepcopy(_DOCUMENT) | changes
+    if goals:
+        document['goals'] = [document['goals'][j - 1] for j in goals]
+    return document
+
+
+def pick_states(space, count, seed=0):
+    """Rows of distinct random states."""
+    rng = np.random.default_rng(seed)
+    return space.states(rng.choice(space.size, count, replace=False))
+
+
+probabilities = st.sampled_from([0.0, 1.0]) | st.floats(0.0, 1.0)
+costs = st.just(0.0) | st.integers(0, 20) | st.floats(0.0, 100.0)
+factors = st.sampled_from([0.0, 1.0]) | st.floats(0.0, 50.0)
+
+
+def rows(entries, length):
+    return st.lists(entries, min_size=length, max_size=length)
+
+
+distributions = rows(st.integers(0, 9), 3).filter(any).map(
+    lambda weights: [weight / sum(weights) for weight in weights])
+matrices = rows(distributions, 3)
+
+
+@st.composite
+def goals(draw, cells, k, shared):
+    """k goals, each with a priority transition of its own unless the mission has a shared one."""
+    entries = []
+    for j in range(1, k + 1):
+        goal = {'name': f'goal{j}', 'cell': draw(cells), 'eta': draw(costs), 'delta': draw(costs)}
+        if not shared or draw(st.booleans()):
+            goal['priority_transition'] = draw(matrices)
+        entries.append(goal)
+    return entries
+
+
+faults = st.fixed_dictionaries(
+    {
+        'rate': st.fixed_dictionaries(dict.fromkeys(PARTS, probabilities)),
+        'agile_factor': st.fixed_dictionaries(dict.fromkeys(PARTS, factors)),
+        'completion': rows(probabilities, 8),
+        'cost': rows(costs, 8),
+    },
+    optional={'repair_success': probabilities},
+)
+
+
+def threats(cells):
+    return st.fixed_dictionaries(
+        {
+            'onset': probabilities,
+            'high_share': probabilities,
+            'from_low': distributions,
+            'from_high': distributions,
+            'cost': rows(rows(costs, 2), 3),
+        },
+        optional={'zones': st.dictionaries(cells, probabilities, max_size=4)},
+    )
+
+
+positive = st.floats(1e-3, 1e3)
+energies = st.fixed_dictionaries({
+    **dict.fromkeys(('capacity', 'voltage', 'power', 'speed'), positive),
+    **dict.fromkeys(('wind', 'wind_penalty', 'payload', 'payload_penalty'), costs),
+})
+places = st.fixed_dictionaries({}, optional={
+    'cell_size': positive,
+    'origin': st.fixed_dictionaries({
+        'latitude': st.floats(-80, 80), 'longitude': st.floats(-180, 180), 'altitude': costs}),
+})
+
+
+@st.composite
+def missions(draw, sizes, goal_counts):
+    """Any valid mission file, parsed, with a grid of one of the sizes (rows, columns).
+
+    Base, service and goals may share cells; every optional part may be absent.
+    """
+    rows_, cols = draw(st.sampled_from(sizes))
+    cells = st.integers(0, rows_ * cols - 1)
+    shared = draw(st.booleans())
+    document = {
+        'name': 'random',
+        'discount': draw(st.floats(0.05, 0.95)),
+        'grid': {
+            'rows': rows_, 'cols': cols, 'base': draw(cells), 'service': draw(cells),
+            **draw(places),
+        },
+        'goals': draw(goals(cells, draw(st.sampled_from(goal_counts)), shared)),
+        'faults': draw(faults),
+        'range': {
+            'loss': {'normal': draw(probabilities), 'agile': draw(probabilities)},
+            'cost': draw(costs),
+        },
+        'threat': draw(threats(cells)),
+        'distance_weight': draw(costs),
+    }
+    if shared:
+        document['priority_transition'] = draw(matrices)
+    optional = st.fixed_dictionaries({}, optional={
+        'feasibility': st.sampled_from(['strict', 'seed']),
+        'service_cost': st.fixed_dictionaries(
+            {}, optional={'recharge': costs, 'repair': costs}),
+        'energy': energies,
+    })
+    return document | draw(optional)

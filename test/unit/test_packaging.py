@@ -1,0 +1,182 @@
+"""What package.xml, setup.py, the launch files and the tree say of each other agrees."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+
+from uav_mission_manager.paths import share_directory
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = 'uav_mission_manager'
+LAUNCH_FILES = sorted((ROOT / 'launch').glob('*.py'))
+MANIFEST = ElementTree.parse(ROOT / 'package.xml').getroot()
+# Name on PyPI -> rosdep key.
+ROSDEP_KEYS = {
+    'numpy': 'python3-numpy',
+    'scipy': 'python3-scipy',
+    'pyyaml': 'python3-yaml',
+    'rich': 'python3-rich',
+    'pymavlink': 'python3-pymavlink-pip',
+    'pyserial': 'python3-serial',
+}
+PYPI_NAMES = {'yaml': 'pyyaml', 'serial': 'pyserial'}  # Where the import is called otherwise.
+
+
+def commands() -> dict[str, str]:
+    """Return setup.py's console scripts and the modules that they call."""
+    tree = ast.parse((ROOT / 'setup.py').read_text())
+    return next(
+        ast.literal_eval(node.value) for node in tree.body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == 'COMMANDS')
+
+
+def imported_packages(path: Path) -> set[str]:
+    """Return the top-level packages that the module at `path` imports."""
+    names = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            names.append(node.module)
+    return {name.split('.')[0] for name in names}
+
+
+def names_defined(module: str) -> set[str]:
+    """Return the functions and imports of one of this package's modules, named from its top."""
+    path = ROOT / PACKAGE / module.replace('.', '/')
+    path = path / '__init__.py' if path.is_dir() else path.with_suffix('.py')
+    body = ast.parse(path.read_text()).body
+    functions = {node.name for node in body if isinstance(node, ast.FunctionDef)}
+    return functions | {
+        alias.name for node in body if isinstance(node, ast.ImportFrom) for alias in node.names}
+
+
+def keywords(path: Path, name: str) -> set[str]:
+    """Return the string values of every keyword argument `name` in the file at `path`."""
+    return {
+        keyword.value.value for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Call) for keyword in node.keywords
+        if keyword.arg == name and isinstance(keyword.value, ast.Constant)}
+
+
+def calls(path: Path, name: str) -> list[ast.Call]:
+    """Return the calls of `name` in the file at `path` whose first argument is a literal."""
+    return [
+        node for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == name
+        and node.args and isinstance(node.args[0], ast.Constant)]
+
+
+def first_arguments(path: Path, name: str) -> set[str]:
+    """Return the first arguments of the calls of `name` in the file at `path`."""
+    return {call.args[0].value for call in calls(path, name)}
+
+
+def launched_nodes(path: Path) -> dict[str, set[str]]:
+    """Return the nodes that a launch file starts, and the parameters it sets on each."""
+    return {call.args[0].value: {k.arg for k in call.keywords} for call in calls(path, 'node')}
+
+
+def test_name_version_and_license_agree():
+    assert MANIFEST.findtext('name') == PACKAGE
+    for tag in ('version', 'license'):
+        assert keywords(ROOT / 'setup.py', tag) == {MANIFEST.findtext(tag)}
+
+
+def test_every_import_is_declared():
+    sources = [*(ROOT / PACKAGE).rglob('*.py'), *LAUNCH_FILES]
+    used = set().union(*map(imported_packages, sources)) - sys.stdlib_module_names - {PACKAGE}
+    declared = {tag.text for tag in MANIFEST.findall('exec_depend')}
+    names = {PYPI_NAMES.get(name, name) for name in used}
+    assert {ROSDEP_KEYS.get(name, name) for name in names} <= declared
+
+
+def test_every_folder_of_modules_is_a_package():
+    """Without `__init__.py` it runs from the source tree and is not installed."""
+    folders = {path.parent for path in (ROOT / PACKAGE).rglob('*.py')}
+    assert [folder for folder in folders if not (folder / '__init__.py').is_file()] == []
+
+
+def test_requirements_and_manifest_name_the_same_libraries():
+    lines = (ROOT / 'requirements.txt').read_text().splitlines()
+    names = {re.split('[<>=]', line)[0].lower() for line in lines if not line.startswith('#')}
+    declared = {tag.text for tag in MANIFEST.findall('exec_depend')}
+    assert names == set(ROSDEP_KEYS)
+    assert {key for key in declared if key.startswith('python3-')} == set(ROSDEP_KEYS.values())
+
+
+@pytest.mark.parametrize('command', commands())
+def test_command_has_a_main_and_a_shim(command):
+    assert 'main' in names_defined(commands()[command])
+    assert os.access(ROOT / 'resource' / 'bin' / command, os.X_OK)
+
+
+def test_no_shim_without_a_command():
+    assert {path.name for path in (ROOT / 'resource' / 'bin').iterdir()} == {*commands(), 'shim'}
+
+
+def test_shim_runs_the_command_in_bin(tmp_path):
+    for folder, text in (
+        ('lib/uav_mission_manager', (ROOT / 'resource' / 'bin' / 'manager').read_text()),
+        ('bin', '#!/bin/sh\nfor word; do echo "$word"; done\nexit 3\n'),
+    ):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / 'manager').write_text(text)
+        (tmp_path / folder / 'manager').chmod(0o755)
+    run = subprocess.run(
+        [tmp_path / 'lib/uav_mission_manager/manager', 'two words', '-p'],
+        capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stdout) == (3, 'two words\n-p\n')
+
+
+@pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda path: path.name)
+def test_launch_file_starts_only_commands(path):
+    started = launched_nodes(path).keys() | keywords(path, 'executable')
+    assert started
+    assert started <= commands().keys()
+
+
+@pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda path: path.name)
+def test_launch_file_sets_only_declared_parameters(path):
+    for node, parameters in launched_nodes(path).items():
+        assert parameters <= first_arguments(ROOT / PACKAGE / 'nodes' / f'{node}.py', 'Parameter')
+
+
+@pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda path: path.name)
+def test_launch_file_declares_the_arguments_it_uses(path):
+    module = ast.parse(path.read_text())
+    declared = next(
+        {key.value for key in node.value.keys} for node in module.body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == 'ARGUMENTS')
+    used = first_arguments(path, 'LaunchConfiguration') | first_arguments(path, 'argument')
+    assert used == declared
+
+
+def test_share_directory_of_a_source_tree():
+    assert share_directory() == ROOT
+    assert (share_directory() / 'config' / 'case_study.yaml').is_file()
+
+
+def test_share_directory_of_an_installation(tmp_path):
+    site = tmp_path / 'lib' / 'python3' / 'site-packages' / PACKAGE
+    share = tmp_path / 'share' / PACKAGE
+    site.mkdir(parents=True)
+    (site / 'paths.py').write_text((ROOT / PACKAGE / 'paths.py').read_text())
+    code = 'import runpy; print(runpy.run_path("paths.py")["share_directory"]())'
+
+    def run() -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, '-c', code], cwd=site, capture_output=True, text=True, check=False)
+
+    assert 'FileNotFoundError' in run().stderr
+    share.mkdir(parents=True)
+    (share / 'package.xml').touch()
+    assert run().stdout.strip() == str(share.resolve())

@@ -1,0 +1,576 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from uav_mission_manager.autopilot.pilot import Phase, Pilot, Settings, Task
+from uav_mission_manager.autopilot.telemetry import Position, Telemetry
+from uav_mission_manager.autopilot.vehicle import Arm, Fly, Mode, SetMode, TakeOff
+
+LATITUDE, LONGITUDE = -35.363262, 149.165237
+PER_DEGREE = math.radians(6371000.0)
+SETTINGS = Settings(allow_arming=True)
+
+
+def place(east: float = 0.0, north: float = 0.0) -> tuple[float, float]:
+    per_longitude = PER_DEGREE * math.cos(math.radians(LATITUDE))
+    return LATITUDE + north / PER_DEGREE, LONGITUDE + east / per_longitude
+
+
+HOME = Task('none normal', *place(), land=True)
+HOVER = Task('none agile', *place(), agile=True)
+COMMIT = Task('commit goal1 normal', *place(100.0), goal='goal1')
+AGILE = replace(COMMIT, text='commit goal1 agile', agile=True)
+OTHER = Task('commit goal2 normal', *place(0.0, -100.0), goal='goal2')
+RECHARGE = Task('recharge', *place(50.0), land=True)
+REPAIR = Task('repair', *place(50.0), land=True, service=True)
+
+
+class Flight:
+    """A pilot, the vehicle it sees and the time; the manager repeats its command at 1 Hz."""
+
+    def __init__(self, settings: Settings = SETTINGS, **telemetry) -> None:
+        self.pilot = Pilot(settings)
+        self.settings = settings
+        self.now = 100.0
+        self.task: Task | None = None
+        self.east = self.north = self.height = 0.0
+        self.telemetry = replace(Telemetry(
+            mode=Mode.STABILIZE, landed=True, ready=True, unhealthy=0, ekf_flags=831), **telemetry)
+        self.position = True
+
+    def at(self, east: float, north: float = 0.0, height: float = 20.0) -> Flight:
+        self.east, self.north, self.height = east, north, height
+        return self
+
+    def airborne(self, east: float = 0.0, north: float = 0.0) -> Flight:
+        """In command of the vehicle in the air."""
+        self.at(east, north)
+        self.set(mode=Mode.GUIDED, armed=True, landed=False)
+        return self
+
+    def set(self, **telemetry) -> Flight:
+        self.telemetry = replace(self.telemetry, **telemetry)
+        return self
+
+    def order(self, task: Task) -> Flight:
+        self.task = task
+        self.pilot.command(task, self.now)
+        return self
+
+    def step(self, seconds: float = 0.05):
+        self.now += seconds
+        if self.task is not None:
+            self.pilot.command(self.task, self.now)
+        return self.silent_step(0.0)
+
+    def silent_step(self, seconds: float = 0.05):
+        self.now += seconds
+        position = Position(self.now, *place(self.east, self.north), 584.0, self.height)
+        return self.pilot.update(
+            replace(self.telemetry, position=position if self.position else None), self.now)
+
+    def run(self, seconds: float):
+        """All requests within so many seconds, and the last step."""
+        requests, completed = [], []
+        for _ in range(round(seconds / 0.05)):
+            step = self.step()
+            requests += step.requests
+            completed += [step.completed] * bool(step.completed)
+        return requests, completed, step
+
+
+def fly_to(task: Task, speed: float = SETTINGS.cruise_speed) -> Fly:
+    return Fly(task.latitude, task.longitude, SETTINGS.flight_altitude, speed)
+
+
+# A flight, phase by phase
+
+
+def test_nothing_is_done_without_a_command():
+    flight = Flight()
+    assert flight.run(60.0)[0] == []
+    flight.airborne()
+    requests, _, step = flight.run(60.0)
+    assert (requests, step.phase) == ([], Phase.WAITING)
+
+
+def test_from_the_ground_guided_then_arm_then_take_off_then_go():
+    flight = Flight().order(COMMIT)
+    step = flight.step()
+    assert (step.phase, step.requests) == (Phase.ARMING, (SetMode(Mode.GUIDED),))
+    step = flight.set(mode=Mode.GUIDED).step()
+    assert (step.phase, step.requests) == (Phase.ARMING, (Arm(),))
+    step = flight.set(armed=True).step()
+    assert (step.phase, step.requests) == (Phase.TAKE_OFF, (TakeOff(20.0),))
+    flight.set(landed=False).at(0.0, height=5.0)
+    requests, _, step = flight.run(10.0)
+    assert (step.phase, requests) == (Phase.TAKE_OFF, [])
+    step = flight.at(0.0, height=18.5).step()
+    assert (step.phase, step.requests) == (Phase.EN_ROUTE, (fly_to(COMMIT),))
+
+
+@pytest.mark.parametrize('telemetry', [
+    {'mode': Mode.STABILIZE},
+    {'mode': Mode.GUIDED},
+    {'mode': Mode.GUIDED, 'armed': True},
+], ids=['mode', 'arm', 'take-off'])
+def test_a_request_is_repeated_until_telemetry_shows_it_done(telemetry):
+    requests, _, _ = Flight(**telemetry).order(COMMIT).run(6.0)
+    assert len(set(requests)) == 1
+    assert 3 <= len(requests) <= 4
+
+
+def test_refused_arming_is_repeated_and_never_skipped():
+    flight = Flight(mode=Mode.GUIDED).order(COMMIT)
+    requests, _, step = flight.run(30.0)
+    assert set(requests) == {Arm()}
+    assert step.phase is Phase.ARMING
+
+
+def test_an_autopilot_that_is_not_ready_is_not_asked_to_arm():
+    flight = Flight(mode=Mode.GUIDED, ready=False).order(COMMIT)
+    requests, _, step = flight.run(10.0)
+    assert requests == []
+    assert 'not ready' in step.status
+    assert flight.set(ready=True).step().requests == (Arm(),)
+
+
+@pytest.mark.parametrize('task', [COMMIT, RECHARGE, REPAIR])
+def test_without_allow_arming_it_says_so_and_waits(task):
+    flight = Flight(Settings()).order(task)
+    requests, _, step = flight.run(10.0)
+    assert requests == []
+    assert 'allow_arming' in step.status
+    flight.set(mode=Mode.GUIDED, armed=True)
+    requests, _, step = flight.run(10.0)
+    assert requests == []
+    assert 'allow_arming' in step.status
+
+
+def test_without_allow_arming_a_vehicle_in_the_air_is_flown():
+    flight = Flight(Settings()).order(COMMIT).airborne()
+    assert flight.step().requests == (fly_to(COMMIT),)
+
+
+def test_no_position_no_arming():
+    flight = Flight(mode=Mode.GUIDED).order(COMMIT)
+    flight.position = False
+    requests, _, step = flight.run(5.0)
+    assert requests == []
+    assert 'position' in step.status
+
+
+def test_commit_dwells_and_completes_once():
+    flight = Flight().order(COMMIT).airborne(50.0)
+    assert flight.step().phase is Phase.EN_ROUTE
+    flight.at(98.0)
+    _, completed, step = flight.run(SETTINGS.goal_dwell - 0.1)
+    assert (step.phase, completed) == (Phase.ON_SITE, [])
+    assert flight.run(9.0)[1] == ['goal1']
+
+
+def test_a_goal_is_not_completed_from_below():
+    flight = Flight().order(COMMIT).airborne().at(100.0, height=3.0)
+    requests, completed, step = flight.run(20.0)
+    assert (step.phase, completed, set(requests)) == (Phase.EN_ROUTE, [], {fly_to(COMMIT)})
+
+
+def test_leaving_the_site_starts_the_dwell_anew():
+    flight = Flight().order(COMMIT).airborne(100.0)
+    flight.run(1.5)
+    flight.at(90.0).run(0.5)
+    assert flight.at(100.0).run(1.5)[1] == []
+    assert flight.run(1.0)[1] == ['goal1']
+
+
+def test_agile_on_the_spot_keeps_the_dwell():
+    flight = Flight().order(COMMIT).airborne(100.0)
+    flight.run(1.5)
+    assert flight.order(AGILE).run(1.0)[1] == ['goal1']
+
+
+def test_a_goal_ordered_again_is_completed_again():
+    flight = Flight().order(COMMIT).airborne(100.0)
+    assert flight.run(3.0)[1] == ['goal1']
+    flight.order(HOVER).run(1.0)
+    assert flight.order(COMMIT).run(3.0)[1] == ['goal1']
+    assert flight.run(12.0)[1] == ['goal1'], 'the manager never reacted'
+
+
+def test_agile_changes_the_speed_at_once():
+    flight = Flight().order(COMMIT).airborne()
+    assert flight.step().requests == (fly_to(COMMIT),)
+    assert flight.order(AGILE).step().requests == (fly_to(AGILE, SETTINGS.agile_speed),)
+
+
+def test_a_new_command_retargets_at_once():
+    flight = Flight().order(COMMIT).airborne(50.0)
+    flight.run(1.0)
+    step = flight.order(OTHER).step()
+    assert (step.phase, step.requests) == (Phase.EN_ROUTE, (fly_to(OTHER),))
+
+
+def test_no_commitment_flies_home_and_lands():
+    flight = Flight().order(HOME).airborne(100.0)
+    assert flight.step().requests == (fly_to(HOME),)
+    step = flight.at(1.0).step()
+    assert (step.phase, step.requests) == (Phase.LANDING, (SetMode(Mode.LAND),))
+    flight.set(mode=Mode.LAND).at(1.0, height=8.0)
+    requests, _, step = flight.run(10.0)
+    assert (step.phase, requests) == (Phase.LANDING, [])
+    flight.set(armed=False, landed=True).at(1.0, height=0.0)
+    requests, _, step = flight.run(30.0)
+    assert (step.phase, requests) == (Phase.GROUND, [])
+
+
+def test_landing_is_broken_off_for_a_new_destination():
+    flight = Flight().order(HOME).airborne()
+    flight.step()
+    flight.set(mode=Mode.LAND).at(0.0, height=8.0).step()
+    assert flight.order(COMMIT).step().requests == (SetMode(Mode.GUIDED),)
+    step = flight.set(mode=Mode.GUIDED).step()
+    assert (step.phase, step.requests) == (Phase.EN_ROUTE, (fly_to(COMMIT),))
+    flight.order(HOME).step()
+    flight.set(mode=Mode.LAND).step()
+    assert flight.order(RECHARGE).step().requests == (SetMode(Mode.GUIDED),)
+    flight.order(COMMIT).set(mode=Mode.GUIDED)
+    assert flight.step().requests == (fly_to(COMMIT),), 'GUIDED anew has forgotten its target'
+
+
+def test_landed_at_the_service_cell_it_takes_off_for_home():
+    flight = Flight(mode=Mode.GUIDED).at(50.0, height=0.0).order(HOME)
+    assert flight.step().requests == (Arm(),)
+
+
+def test_evasion_hovers_over_the_base_and_stays_on_the_ground():
+    flight = Flight().order(HOVER).airborne(100.0)
+    assert flight.step().requests == (fly_to(HOVER, SETTINGS.agile_speed),)
+    requests, completed, step = flight.at(0.0).run(30.0)
+    assert step.phase is Phase.ON_SITE
+    assert completed == []
+    assert set(requests) <= {fly_to(HOVER, SETTINGS.agile_speed)}
+    flight = Flight().at(50.0, height=0.0).order(HOVER)
+    requests, _, step = flight.run(10.0)
+    assert (step.phase, requests) == (Phase.GROUND, [])
+
+
+def test_repair_needs_standing_disarmed_on_the_service_cell():
+    flight = Flight(mode=Mode.GUIDED).order(REPAIR).airborne(50.0)
+    flight.step()
+    flight.set(mode=Mode.LAND)
+    for _ in range(200):
+        assert not flight.step().serviced
+    flight.set(armed=False, landed=True).at(51.0, height=0.0)
+    start = flight.now
+    while not flight.step().serviced:
+        assert flight.now - start < 10.0
+    assert flight.now - start == pytest.approx(SETTINGS.service_time, abs=0.2)
+
+
+@pytest.mark.parametrize(('task', 'east'), [(RECHARGE, 50.0), (HOME, 0.0), (REPAIR, 200.0)])
+def test_no_service_by_another_command_or_elsewhere(task, east):
+    flight = Flight(Settings()).order(task).at(east, height=0.0)
+    assert not any(flight.step().serviced for _ in range(200))
+
+
+def test_repair_given_up_midway_starts_anew():
+    flight = Flight().at(50.0, height=0.0).order(REPAIR)
+    flight.run(4.0)
+    flight.order(RECHARGE).run(0.1)
+    flight.order(REPAIR)
+    assert not any(flight.step().serviced for _ in range(80))
+
+
+# Who is in command
+
+
+@pytest.mark.parametrize('mode', [Mode.LOITER, Mode.STABILIZE, Mode.LAND, Mode.RTL])
+def test_a_mode_not_ordered_here_ends_the_commanding_until_resume(mode):
+    flight = Flight().order(COMMIT).airborne(50.0)
+    flight.step()
+    flight.set(mode=mode)
+    requests, completed, step = flight.at(100.0).run(60.0)
+    assert (step.phase, requests, completed) == (Phase.PILOT, [], [])
+    flight.set(mode=Mode.GUIDED)
+    requests, _, step = flight.run(10.0)
+    assert (step.phase, requests) == (Phase.PILOT, []), 'back in GUIDED is no resume'
+    flight.set(mode=mode)
+    flight.pilot.resume(flight.now)
+    assert flight.step().requests == (SetMode(Mode.GUIDED),)
+    assert flight.set(mode=Mode.GUIDED).step().requests == (fly_to(COMMIT),)
+
+
+def test_a_landing_not_ordered_any_more_is_someone_elses():
+    flight = Flight().order(HOME).airborne()
+    assert flight.step().requests == (SetMode(Mode.LAND),)
+    flight.order(COMMIT).run(6.0)
+    requests, _, step = flight.set(mode=Mode.LAND).run(10.0)
+    assert (step.phase, requests) == (Phase.PILOT, [])
+
+
+def test_a_landing_that_comes_late_is_still_ours():
+    flight = Flight().order(HOME).airborne()
+    flight.step()
+    flight.order(COMMIT).run(2.0)
+    assert flight.set(mode=Mode.LAND).step().requests == (SetMode(Mode.GUIDED),)
+
+
+def test_a_pilot_who_stops_an_arming_is_not_overruled():
+    flight = Flight().order(COMMIT)
+    flight.step()
+    flight.set(mode=Mode.GUIDED).step()
+    requests, _, step = flight.set(mode=Mode.STABILIZE).run(10.0)
+    assert (step.phase, requests) == (Phase.PILOT, [])
+
+
+def test_a_pilot_who_disarms_is_not_overruled():
+    flight = Flight().order(COMMIT)
+    flight.step()
+    flight.set(mode=Mode.GUIDED).step()
+    flight.set(armed=True).step()
+    requests, _, step = flight.set(armed=False).run(10.0)
+    assert (step.phase, requests) == (Phase.PILOT, [])
+
+
+def test_a_failsafe_is_not_overruled():
+    flight = Flight().order(HOME).airborne()
+    flight.step()
+    flight.set(mode=Mode.LAND).step()
+    flight.set(failsafe=True).order(COMMIT)
+    requests, _, step = flight.run(10.0)
+    assert (step.phase, requests) == (Phase.PILOT, [])
+    assert 'failsafe' in step.status
+
+
+def test_in_a_failsafe_it_does_not_arm():
+    requests, _, step = Flight(mode=Mode.GUIDED, failsafe=True).order(COMMIT).run(10.0)
+    assert requests == []
+    assert 'failsafe' in step.status
+
+
+def test_flown_by_hand_from_the_start_guided_gives_command():
+    flight = Flight().order(COMMIT).airborne().set(mode=Mode.LOITER)
+    requests, _, step = flight.run(10.0)
+    assert (step.phase, requests) == (Phase.PILOT, [])
+    assert flight.set(mode=Mode.GUIDED).step().requests == (fly_to(COMMIT),)
+    assert flight.set(mode=Mode.LOITER).step().phase is Phase.PILOT
+    assert flight.set(mode=Mode.GUIDED).run(5.0)[0] == []
+
+
+def test_after_a_lost_link_a_changed_mode_is_someone_elses():
+    flight = Flight().order(COMMIT).airborne()
+    flight.step()
+    assert flight.pilot.update(None, flight.now).phase is Phase.NO_LINK
+    requests, _, step = flight.set(mode=Mode.RTL).run(5.0)
+    assert (step.phase, requests) == (Phase.PILOT, [])
+    assert flight.set(mode=Mode.GUIDED).run(5.0)[0] == []
+
+
+def test_on_the_ground_the_autopilot_may_reboot():
+    flight = Flight().order(HOME).airborne()
+    flight.step()
+    flight.set(mode=Mode.LAND).step()
+    flight.set(armed=False, landed=True).at(0.0, height=0.0).step()
+    flight.pilot.update(None, flight.now)
+    assert flight.set(mode=Mode.STABILIZE).step().phase is Phase.GROUND
+    assert flight.order(COMMIT).step().requests == (SetMode(Mode.GUIDED),)
+
+
+def test_a_lost_link_gives_no_command_back():
+    flight = Flight().order(COMMIT).airborne()
+    flight.step()
+    flight.set(mode=Mode.LOITER).step()
+    flight.set(armed=False, landed=True).step()
+    flight.pilot.update(None, flight.now)
+    assert flight.set(mode=Mode.STABILIZE).step().phase is Phase.PILOT
+
+
+def test_a_lost_link_interrupts_the_dwell():
+    flight = Flight().order(COMMIT).airborne(100.0)
+    flight.run(1.5)
+    flight.pilot.update(None, flight.now)
+    assert flight.run(1.5)[1] == []
+
+
+def test_hold_stays_where_it_was_called_until_resume():
+    flight = Flight().order(COMMIT).airborne(50.0)
+    flight.step()
+    flight.pilot.hold()
+    here = Fly(*place(50.0), 20.0, SETTINGS.cruise_speed)
+    step = flight.step()
+    assert (step.phase, step.requests) == (Phase.HOLDING, (here,))
+    requests, _, step = flight.at(55.0).order(OTHER).run(30.0)
+    assert (step.phase, set(requests)) == (Phase.HOLDING, {here})
+    flight.pilot.resume(flight.now)
+    assert flight.step().requests == (fly_to(OTHER),)
+    flight.pilot.hold()
+    assert flight.step().requests == (Fly(*place(55.0), 20.0, SETTINGS.cruise_speed),)
+
+
+def test_a_hold_interrupts_the_dwell():
+    flight = Flight().order(COMMIT).airborne(100.0)
+    flight.run(1.5)
+    flight.pilot.hold()
+    flight.run(1.0)
+    flight.pilot.resume(flight.now)
+    assert flight.run(1.5)[1] == []
+    assert flight.run(1.0)[1] == ['goal1']
+
+
+def climbing() -> Flight:
+    flight = Flight(mode=Mode.GUIDED).order(COMMIT)
+    flight.step()
+    flight.set(armed=True).step()
+    assert flight.set(landed=False).at(0.0, height=5.0).step().phase is Phase.TAKE_OFF
+    return flight
+
+
+def test_a_climb_ended_by_a_hold_is_not_waited_for():
+    flight = climbing()
+    flight.pilot.hold()
+    flight.run(1.0)
+    flight.pilot.resume(flight.now)
+    assert flight.step().requests == (fly_to(COMMIT),)
+
+
+def test_a_climb_ended_by_a_pilot_is_not_waited_for():
+    flight = climbing()
+    flight.set(mode=Mode.LOITER).step()
+    flight.pilot.resume(flight.now)
+    flight.step()
+    assert flight.set(mode=Mode.GUIDED).step().requests == (fly_to(COMMIT),)
+
+
+def test_hold_ends_a_return_to_launch():
+    flight = Flight().order(COMMIT).airborne(50.0)
+    silence(flight, 14.0)
+    flight.set(mode=Mode.RTL).step()
+    flight.pilot.hold()
+    assert flight.step().requests == (SetMode(Mode.GUIDED),)
+    assert flight.set(mode=Mode.GUIDED).step().phase is Phase.HOLDING
+
+
+def test_hold_breaks_off_a_landing_at_a_safe_height():
+    flight = Flight().order(HOME).airborne()
+    flight.step()
+    flight.set(mode=Mode.LAND).at(0.0, height=1.0).step()
+    flight.pilot.hold()
+    assert flight.step().requests == (SetMode(Mode.GUIDED),)
+    assert flight.set(mode=Mode.GUIDED).step().requests == (
+        Fly(*place(), 3.0, SETTINGS.cruise_speed),)
+
+
+def test_hold_on_the_ground_does_not_arm():
+    flight = Flight().order(COMMIT)
+    flight.pilot.hold()
+    requests, _, step = flight.run(10.0)
+    assert (step.phase, requests) == (Phase.HOLDING, [])
+
+
+def test_motors_started_for_nothing_are_stopped_by_landing():
+    flight = Flight(mode=Mode.GUIDED).order(COMMIT)
+    flight.step()
+    flight.set(armed=True).order(HOME)
+    assert flight.step().requests == (SetMode(Mode.LAND),)
+    step = flight.set(mode=Mode.LAND, armed=False).step()
+    assert (step.phase, step.requests) == (Phase.GROUND, ())
+
+
+def test_motors_that_a_human_started_are_left_alone():
+    flight = Flight(mode=Mode.GUIDED).order(COMMIT)
+    flight.step()
+    flight.order(HOVER).run(6.0)
+    flight.set(armed=True)
+    requests, _, step = flight.run(5.0)
+    assert (step.phase, requests) == (Phase.GROUND, [])
+    assert flight.set(armed=False).step().phase is Phase.GROUND
+
+
+# A silent manager
+
+
+def silence(flight: Flight, seconds: float):
+    requests = []
+    for _ in range(round(seconds / 0.05)):
+        step = flight.silent_step()
+        requests += step.requests
+    return requests, step
+
+
+def test_silence_holds_then_returns_to_launch_and_flies_it_to_the_end():
+    flight = Flight().order(COMMIT).airborne(50.0)
+    flight.step()
+    requests, step = silence(flight, 2.9)
+    assert (step.phase, requests) == (Phase.EN_ROUTE, [])
+    requests, step = silence(flight, 9.9)
+    assert step.phase is Phase.HOLDING
+    assert set(requests) == {Fly(*place(50.0), 20.0, SETTINGS.cruise_speed)}
+    requests, step = silence(flight, 1.0)
+    assert (step.phase, requests) == (Phase.RETURNING, [SetMode(Mode.RTL)])
+    flight.set(mode=Mode.RTL)
+    requests, _, step = flight.run(30.0)
+    assert (step.phase, requests) == (Phase.RETURNING, []), 'the manager is back too late'
+    flight.set(armed=False, landed=True).at(0.0, height=0.0)
+    assert flight.step().requests == (SetMode(Mode.GUIDED),), 'landed: the manager is heard again'
+    flight.set(mode=Mode.GUIDED).step()
+    assert flight.set(armed=True).step().requests == (TakeOff(20.0),)
+
+
+def test_a_manager_that_comes_back_before_the_return_continues():
+    flight = Flight().order(COMMIT).airborne(50.0)
+    flight.step()
+    silence(flight, 8.0)
+    step = flight.step()
+    assert (step.phase, step.requests) == (Phase.EN_ROUTE, (fly_to(COMMIT),))
+
+
+def test_a_return_that_is_not_flown_is_asked_for_again():
+    flight = Flight().order(COMMIT).airborne(50.0)
+    requests, _ = silence(flight, 19.0)
+    assert requests.count(SetMode(Mode.RTL)) == 3
+
+
+def test_resume_ends_a_return_and_waits_for_the_manager_anew():
+    flight = Flight().order(COMMIT).airborne(50.0)
+    silence(flight, 14.0)
+    silence(flight.set(mode=Mode.RTL), 5.0)
+    flight.pilot.resume(flight.now)
+    assert flight.silent_step().requests == (SetMode(Mode.GUIDED),)
+    _, step = silence(flight.set(mode=Mode.GUIDED), 5.0)
+    assert step.phase is Phase.HOLDING
+    _, step = silence(flight, 10.0)
+    assert step.phase is Phase.RETURNING
+
+
+def test_a_pilot_takes_over_from_a_return():
+    flight = Flight().order(COMMIT).airborne(50.0)
+    silence(flight, 14.0)
+    silence(flight.set(mode=Mode.RTL), 1.0)
+    requests, step = silence(flight.set(mode=Mode.LOITER), 30.0)
+    assert (step.phase, requests) == (Phase.PILOT, [])
+
+
+def test_silence_lets_a_landing_finish():
+    flight = Flight().order(HOME).airborne()
+    flight.step()
+    requests, step = silence(flight.set(mode=Mode.LAND), 60.0)
+    assert (step.phase, requests) == (Phase.LANDING, [])
+
+
+def test_silence_on_the_ground_does_nothing():
+    flight = Flight(mode=Mode.GUIDED).order(COMMIT)
+    silence(flight, 3.0)
+    requests, step = silence(flight, 60.0)
+    assert (step.phase, requests) == (Phase.GROUND, [])
+
+
+def test_a_hold_outlasts_a_silent_manager():
+    flight = Flight().order(COMMIT).airborne(50.0)
+    flight.step()
+    flight.pilot.hold()
+    requests, step = silence(flight, 60.0)
+    assert step.phase is Phase.HOLDING
+    assert all(isinstance(request, Fly) for request in requests)

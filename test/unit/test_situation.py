@@ -1,0 +1,240 @@
+"""Inputs to state and decision, with time as an argument."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from uav_mission_manager import build_policy, load_mission
+from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, StateSpace, global_actions
+from uav_mission_manager.onboard import InputError, Refusal, Situation, decide, format_command
+from uav_mission_manager.policy import Decision, Policy
+
+MISSION = load_mission(Path(__file__).parents[2] / 'config' / 'case_study.yaml')
+ACTIONS = global_actions(MISSION)
+TIMEOUT, EPOCH = 3.0, 15.0
+
+
+@pytest.fixture(scope='module')
+def policy() -> Policy:
+    return build_policy(MISSION)
+
+
+def at(cell: int, now: float = 0.0, **changes: Any) -> Situation:
+    """Return a charged, healthy UAV over a cell with every input fresh."""
+    start = replace(Situation(MISSION), **changes)
+    east, north = MISSION.grid.position(cell)
+    return start.with_battery(0.9, now).with_fault('nominal', now).with_position(east, north, now)
+
+
+def command(outcome: Decision | Refusal) -> str:
+    assert isinstance(outcome, Decision), outcome
+    return format_command(MISSION, outcome.action)
+
+
+def test_state_row_order() -> None:
+    situation = (
+        at(6).with_fault('actuator', 0.0).with_threat('low', 0.0)
+        .with_priorities([0, 1, 2], 'a', 0.0).after(ACTIONS[6], 0.0))
+    assert situation.state == (3, 1, 1, 1, 0, 1, 2, 6, 2, 1, 1)
+
+
+def test_start_is_idle_nominal_and_unthreatened() -> None:
+    assert Situation(MISSION).state == (1, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0)
+
+
+def test_mission_without_energy_is_refused() -> None:
+    with pytest.raises(ValueError, match='mission case_study: no energy section'):
+        Situation(replace(MISSION, energy=None))
+
+
+@pytest.mark.parametrize(('change', 'words'), [
+    (lambda s: s.with_battery(math.nan, 9.0), 'battery_state: percentage nan'),
+    (lambda s: s.with_battery(-0.01, 9.0), 'battery_state: percentage -0.01'),
+    (lambda s: s.with_battery(80.0, 9.0), 'battery_state: percentage 80.0'),
+    (lambda s: s.with_position(math.nan, 0.0, 9.0), 'odom: position'),
+    (lambda s: s.with_position(0.0, math.inf, 9.0), 'odom: position'),
+    (lambda s: s.with_fault('engine', 9.0), "fault_mode: 'engine' is not one of nominal"),
+    (lambda s: s.with_threat('HIGH', 9.0), "threat_level: 'HIGH' is not one of none"),
+    (lambda s: s.with_priorities([2, 0], 'b', 9.0), 'goal_priorities: data has 2 values, not 3'),
+    (lambda s: s.with_priorities([2, 0, 3], 'b', 9.0), 'goal_priorities: goal3 is 3'),
+    (lambda s: s.with_completed('goal9'), "goal_completed: 'goal9' is not one of goal1"),
+])
+def test_bad_input_is_one_line_and_changes_nothing(
+    change: Callable[[Situation], Situation], words: str,
+) -> None:
+    situation = at(4).with_priorities([1, 2, 0], 'a', 0.0)
+    with pytest.raises(InputError) as error:
+        change(situation)
+    assert str(error.value).startswith(words)
+    assert '\n' not in str(error.value)
+    assert situation == at(4).with_priorities([1, 2, 0], 'a', 0.0)
+
+
+def test_a_repeated_request_never_revives_a_completed_goal() -> None:
+    situation = at(5).with_priorities([2, 1, 0], 'a', 0.0).with_completed('goal1')
+    assert situation.with_priorities([2, 1, 0], 'a', 1.0).priorities == (0, 1, 0)
+    assert situation.with_priorities([2, 1, 0], 'b', 1.0).priorities == (2, 1, 0)
+
+
+def test_a_message_without_id_is_always_a_new_request() -> None:
+    situation = at(5).with_priorities([2, 1, 0], 'a', 0.0).with_completed('goal1')
+    by_hand = situation.with_priorities([2, 0, 0], '', 1.0)
+    assert by_hand.priorities == (2, 0, 0)
+    # The base station's repetition is still a repetition.
+    assert by_hand.with_priorities([2, 1, 0], 'a', 2.0).priorities == (2, 0, 0)
+
+
+def test_completion_is_idempotent_and_ends_its_own_commitment_only() -> None:
+    situation = at(5).with_priorities([2, 1, 0], 'a', 0.0).after(ACTIONS[1], 0.0)
+    done = situation.with_completed('goal1')
+    assert (done.priorities, done.commitment) == ((0, 1, 0), 0)
+    assert done.with_completed('goal1') == done
+    assert situation.with_completed('goal2').commitment == 1
+
+
+def test_reset_drops_goals_but_not_the_request_id() -> None:
+    situation = at(5).with_priorities([2, 1, 0], 'a', 0.0).after(ACTIONS[1], 0.0).without_goals()
+    assert (situation.priorities, situation.commitment) == ((0, 0, 0), 0)
+    assert situation.with_priorities([2, 1, 0], 'a', 1.0).priorities == (0, 0, 0)
+
+
+def test_range_flags_follow_battery_and_come_back_with_a_margin() -> None:
+    # goal1 and back is 121 m from the base: sigma = 5328 SoC - 1000 m.
+    situation = at(0)
+    empty = situation.with_battery(0.20, 1.0)
+    assert empty.in_range == (0, 0, 0)
+    assert empty.with_battery(0.212, 2.0).in_range == (0, 0, 0)
+    assert empty.with_battery(0.216, 2.0).in_range == (1, 0, 0)
+    assert situation.with_battery(0.212, 1.0).in_range == (1, 0, 0)
+
+
+def test_only_stale_or_missing_required_inputs_are_named() -> None:
+    assert Situation(MISSION).missing(0.0, TIMEOUT) == (
+        'battery_state never received', 'odom never received', 'fault_mode never received')
+    situation = at(0, now=10.0).with_position(0.0, 0.0, 6.0)
+    assert situation.missing(10.2, TIMEOUT) == ('odom 4.2 s old',)
+    assert at(0, now=10.0).missing(13.0, TIMEOUT) == ()
+    assert len(at(0, now=10.0).missing(5.0, TIMEOUT)) == 3  # the clock was set back
+
+
+def test_decide_refuses_without_fresh_inputs_and_resumes(policy: Policy) -> None:
+    situation = at(0, now=10.0)
+    assert decide(policy, situation, 14.2, TIMEOUT, EPOCH) == Refusal(
+        'link lost: battery_state 4.2 s old, odom 4.2 s old, fault_mode 4.2 s old')
+    assert command(decide(policy, at(0, now=14.2), 14.2, TIMEOUT, EPOCH)) == 'none normal'
+
+
+def test_threat_and_priorities_hold_their_last_value(policy: Policy) -> None:
+    situation = at(0, now=1000.0, threat=2, priorities=(2, 0, 0))
+    assert isinstance(decide(policy, situation, 1000.0, TIMEOUT, EPOCH), Decision)
+    assert situation.state[-2] == 2
+
+
+def test_case_one_commits_completes_and_goes_home_evading(policy: Policy) -> None:
+    now = 0.0
+    situation = at(0)
+
+    def step(expected: str) -> None:
+        nonlocal situation
+        outcome = decide(policy, situation, now, TIMEOUT, EPOCH)
+        assert command(outcome) == expected
+        situation = situation.after(outcome.action, now)
+
+    step('none normal')
+    situation = situation.with_priorities([2, 0, 0], 'a', now)
+    step('commit goal1 normal')
+    assert situation.commitment == 1
+    situation = situation.with_position(*MISSION.grid.position(5), now)
+    step('commit goal1 normal')
+    situation = situation.with_completed('goal1')
+    step('none normal')
+    situation = situation.with_threat('high', now)
+    step('none agile')
+    situation = situation.with_position(*MISSION.grid.position(0), now).with_threat('none', now)
+    step('none normal')
+
+
+def test_commitment_is_kept_on_site_until_completion_or_the_epoch_is_over(policy: Policy) -> None:
+    # On site the model completes the goal in this epoch, so the policy already turns for home;
+    # obeyed at once, it would turn back for the goal as soon as it had left.
+    situation = at(7, priorities=(0, 0, 1)).after(ACTIONS[3], 0.0)
+    situation = situation.with_position(*MISSION.grid.position(6), 1.0)
+    wanted = policy.decide(situation.state)
+    assert wanted.action == ACTIONS[0]
+    assert policy.decide(situation.after(wanted.action, 1.0).state).action == ACTIONS[3]
+    kept = decide(policy, situation, 2.0, TIMEOUT, EPOCH)
+    assert command(kept) == 'commit goal3 normal'
+    assert kept.runner_up == wanted.action
+    assert kept.margin < 0.0
+    assert kept.reason.startswith('on site at goal3; then: ')
+    assert command(decide(policy, situation.with_completed('goal3'), 2.0, TIMEOUT, EPOCH)) == (
+        'none normal')
+    late = replace(situation, seen=dict.fromkeys(situation.seen, 16.0))
+    assert decide(policy, late, 16.0, TIMEOUT, EPOCH) == wanted
+
+
+@pytest.mark.parametrize('change', [
+    lambda s: s.with_fault('camera', 1.0),          # completion has become impossible
+    lambda s: s.with_battery(0.1, 1.0),             # out of range
+    lambda s: s.with_priorities([0, 2, 2], 'b', 1.0),   # no longer wanted
+    lambda s: s.with_position(0.0, 0.0, 1.0),       # blown away
+])
+def test_commitment_is_not_kept_against_reason(
+    policy: Policy, change: Callable[[Situation], Situation],
+) -> None:
+    situation = at(5, priorities=(2, 2, 2)).after(ACTIONS[1], 0.0)
+    assert situation.arrived == 0.0
+    changed = change(situation)
+    assert decide(policy, changed, 1.0, TIMEOUT, EPOCH) == policy.decide(changed.state)
+
+
+def test_mode_follows_the_policy_on_site(policy: Policy) -> None:
+    situation = at(5, priorities=(2, 2, 2)).after(ACTIONS[1], 0.0).with_threat('high', 1.0)
+    assert command(decide(policy, situation, 1.0, TIMEOUT, EPOCH)) == 'commit goal1 agile'
+
+
+def test_other_numbers_take_effect_at_once() -> None:
+    thirsty = replace(MISSION, energy=replace(MISSION.energy, power=2500.0))
+    assert at(0).under(thirsty).in_range == (0, 0, 0)
+    with pytest.raises(ValueError, match='no energy section'):
+        at(0).under(replace(MISSION, energy=None))
+
+
+FLOATS = st.floats(allow_nan=True, allow_infinity=True)
+WORDS = st.sampled_from([*FAULT_MODES, *THREAT_LEVELS, 'goal1', 'goal2', '', 'nonsense'])
+EVENTS = st.one_of(
+    st.builds(lambda x: lambda s, t: s.with_battery(x, t), FLOATS | st.floats(0.0, 1.0)),
+    st.builds(lambda x, y: lambda s, t: s.with_position(x, y, t), FLOATS, FLOATS),
+    st.builds(lambda w: lambda s, t: s.with_fault(w, t), WORDS),
+    st.builds(lambda w: lambda s, t: s.with_threat(w, t), WORDS),
+    st.builds(lambda v, w: lambda s, t: s.with_priorities(v, w, t),
+              st.lists(st.integers(0, 3), min_size=2, max_size=4), WORDS),
+    st.builds(lambda w: lambda s, t: s.with_completed(w), WORDS),
+    st.builds(lambda n: lambda s, t: s.after(ACTIONS[n], t), st.integers(0, 9)),
+    st.just(lambda s, t: s.without_goals()),
+)
+
+
+@settings(deadline=None)
+@given(events=st.lists(EVENTS, max_size=30))
+def test_no_sequence_of_inputs_leaves_the_state_space(
+    policy: Policy, events: list[Callable[[Situation, float], Situation]],
+) -> None:
+    space, situation = StateSpace(MISSION.k, MISSION.grid.q), at(0)
+    for now, event in enumerate(events):
+        with suppress(InputError):
+            situation = event(situation, float(now))
+        space.check(situation.state)
+        outcome = decide(policy, situation, float(now), 1e9, EPOCH)
+        assert isinstance(outcome, Decision)
+        action = outcome.action
+        assert action.kind != 'commit' or situation.priorities[action.goal - 1] > 0

@@ -1,0 +1,151 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from uav_mission_manager.autopilot.telemetry import Position, Telemetry, update
+from uav_mission_manager.autopilot.vehicle import mode_name
+
+UNKNOWN_BATTERY = pytest.approx(math.nan, nan_ok=True)
+PREARM = mavlink.MAV_SYS_STATUS_PREARM_CHECK
+BATTERY = mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
+GYRO = mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
+
+
+def decode(*messages) -> Telemetry:
+    telemetry = Telemetry()
+    for message in messages:
+        telemetry = update(telemetry, message, 7.0)
+    return telemetry
+
+
+def sys_status(
+        remaining=80, millivolts=15200, centiamperes=1650, present=0, enabled=None, health=0):
+    return mavlink.MAVLink_sys_status_message(
+        present, present if enabled is None else enabled, health, 0, millivolts, centiamperes,
+        remaining, 0, 0, 0, 0, 0, 0)
+
+
+def heartbeat(base_mode=81, mode=4, state=3, kind=mavlink.MAV_TYPE_QUADROTOR):
+    return mavlink.MAVLink_heartbeat_message(
+        kind, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, base_mode, mode, state, 3)
+
+
+def global_position(lat=-353632620, lon=1491652370, heading=9000):
+    return mavlink.MAVLink_global_position_int_message(
+        0, lat, lon, 604500, 20500, 300, 400, -100, heading)
+
+
+def servos(port=0, first=1842):
+    return mavlink.MAVLink_servo_output_raw_message(
+        0, port, first, 1589, 1590, 1591, 1500, 1500, 1500, 1500)
+
+
+@pytest.mark.parametrize(
+    ('base_mode', 'armed'), [(81, False), (89, False), (217, True), (209, True)])
+def test_armed_and_mode_come_from_heartbeat(base_mode, armed):
+    telemetry = decode(heartbeat(base_mode, mode=6))
+    assert (telemetry.armed, telemetry.mode) == (armed, 6)
+
+
+@pytest.mark.parametrize(('state', 'failsafe'), [(3, False), (4, False), (5, True), (6, True)])
+def test_failsafe(state, failsafe):
+    assert decode(heartbeat(state=state)).failsafe is failsafe
+
+
+@pytest.mark.parametrize(('kind', 'motors'), [
+    (mavlink.MAV_TYPE_QUADROTOR, 4), (mavlink.MAV_TYPE_HEXAROTOR, 6),
+    (mavlink.MAV_TYPE_OCTOROTOR, 8)])
+def test_number_of_motors(kind, motors):
+    assert decode(heartbeat(kind=kind)).motor_count == motors
+
+
+@pytest.mark.parametrize(('remaining', 'charge'), [
+    (0, 0.0), (55, 0.55), (100, 1.0), (-1, UNKNOWN_BATTERY), (101, UNKNOWN_BATTERY)])
+def test_charge(remaining, charge):
+    assert decode(sys_status(remaining)).battery.charge == charge
+
+
+@pytest.mark.parametrize(('millivolts', 'voltage'), [
+    (15200, 15.2), (0, UNKNOWN_BATTERY), (64900, UNKNOWN_BATTERY), (65535, UNKNOWN_BATTERY)])
+def test_voltage_that_cannot_be_is_unknown(millivolts, voltage):
+    assert decode(sys_status(millivolts=millivolts)).battery.voltage == voltage
+
+
+def test_current():
+    assert decode(sys_status(centiamperes=1650)).battery.current == 16.5
+    assert math.isnan(decode(sys_status(centiamperes=-1)).battery.current)
+
+
+@pytest.mark.parametrize(('present', 'enabled', 'health', 'unhealthy'), [
+    (GYRO, GYRO, GYRO, 0), (GYRO, GYRO, 0, GYRO), (GYRO, 0, 0, 0), (0, GYRO, 0, 0)])
+def test_health_counts_where_present_and_enabled(present, enabled, health, unhealthy):
+    telemetry = decode(sys_status(present=present, enabled=enabled, health=health))
+    assert telemetry.unhealthy == unhealthy
+
+
+@pytest.mark.parametrize(('present', 'health', 'ready'), [
+    (PREARM, PREARM, True), (PREARM, 0, False), (0, 0, None)])
+def test_ready_to_arm(present, health, ready):
+    assert decode(sys_status(present=present, health=health)).ready is ready
+
+
+def test_battery_health():
+    assert decode(sys_status(present=BATTERY, health=BATTERY)).battery.healthy
+    assert not decode(sys_status(present=BATTERY)).battery.healthy
+
+
+def test_position_in_si_units_and_east_north_up():
+    position = decode(global_position()).position
+    assert (position.latitude, position.longitude) == (-35.363262, 149.165237)
+    assert (position.altitude, position.height) == (604.5, 20.5)
+    assert position.velocity == (4.0, 3.0, 1.0)
+    assert position.heading == pytest.approx(math.pi / 2)
+    assert math.isnan(decode(global_position(heading=65535)).position.heading)
+
+
+def test_position_zero_is_none():
+    assert decode(global_position(), global_position(0, 0)).position is None
+
+
+def ekf(flags):
+    return mavlink.MAVLink_ekf_status_report_message(flags, 0, 0, 0, 0, 0)
+
+
+def test_a_position_to_fly_by_is_recent_and_absolute():
+    telemetry = decode(global_position())
+    assert telemetry.fix(8.9) is telemetry.position
+    assert telemetry.fix(9.1) is None
+    assert decode(global_position(), ekf(831)).fix(7.0) is not None
+    assert decode(global_position(), ekf(167)).fix(7.0) is None
+
+
+def test_distance():
+    position = Position(0.0, -35.363262, 149.165237, 584.0, 0.0)
+    assert position.distance_to(-35.363262 + 1e-3, 149.165237) == pytest.approx(111.2, abs=0.1)
+    assert position.distance_to(-35.363262, 149.165237 + 1e-3) == pytest.approx(90.7, abs=0.1)
+
+
+def test_motors_of_the_main_outputs():
+    telemetry = decode(servos(), servos(port=1, first=1000))
+    assert telemetry.motors == (1842, 1589, 1590, 1591, 1500, 1500, 1500, 1500)
+    assert telemetry.motors_time == 7.0
+
+
+@pytest.mark.parametrize(('state', 'height', 'on_ground'), [
+    (1, 20.5, True), (2, 0.0, False), (3, 0.0, False), (4, 0.0, False), (0, 20.5, False)])
+def test_on_the_ground(state, height, on_ground):
+    landed = mavlink.MAVLink_extended_sys_state_message(0, state)
+    telemetry = decode(heartbeat(217), global_position(), landed)
+    assert telemetry.on_ground is on_ground
+    assert decode(heartbeat(81), global_position(), landed).on_ground
+
+
+def test_other_messages_change_nothing():
+    assert decode(mavlink.MAVLink_vibration_message(0, 0, 0, 0, 0, 0, 0)) == Telemetry()
+
+
+def test_mode_names():
+    assert (mode_name(4), mode_name(27), mode_name(None)) == ('GUIDED', 'mode 27', 'mode None')
