@@ -62,7 +62,8 @@ def main(args: list[str] | None = None) -> int:
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_DOMAIN_ID', str(random.randint(1, 100)))
     logs = options.logs or Path(tempfile.mkdtemp(prefix='uav-demo-'))
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.default_int_handler)
     mission = load_mission(share_directory() / 'config' / 'case_study.yaml')
     one_goal = replace(mission, name='case_one', goals=mission.goals[:1])
     outcomes = []
@@ -135,7 +136,7 @@ def _watch(flight: Flight, stack: Stack, executor: SingleThreadedExecutor) -> No
     limit = time.monotonic() + (WATCH_LIMIT if seen else BLIND_LIMIT)
     while time.monotonic() < limit:
         executor.spin_once(timeout_sec=0.1)
-        if flight.home:
+        if seen and flight.home:
             flight.view.event('the vehicle is home and disarmed')
             return
 

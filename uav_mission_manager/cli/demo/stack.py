@@ -9,7 +9,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-NAMESPACE = '/uav1'
+NAMESPACE = f'/uav{os.getpid()}'
+"""The vehicle's; its own for each run, lest two demos in one ROS domain hear each other."""
 PATIENCE = 5.0
 """Seconds a process has to end by itself before it is killed."""
 

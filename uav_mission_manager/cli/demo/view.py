@@ -8,8 +8,8 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-ROWS = 30
-"""Rows the live table shows; on a pipe every row is a line."""
+FRAME = 6
+"""Lines of a terminal that the live table needs besides its rows."""
 
 
 class View:
@@ -57,8 +57,10 @@ class View:
             print(f'{epoch:>4}  {state:<23}  {command:<20}  {reason:<70}  {where}'.rstrip(),
                   flush=True)
             return
-        table = Table('epoch', 'state [f r g l c t m]', 'command', 'reason', 'position',
-                      title=self.title)
-        for shown in self.rows[-ROWS:]:
+        table = Table(title=self.title, expand=True)
+        for heading in ('epoch', 'state [f r g l c t m]', 'command', 'reason', 'position'):
+            # On a narrow terminal it is the reason that is cut.
+            table.add_column(heading, no_wrap=True, ratio=1 if heading == 'reason' else None)
+        for shown in self.rows[-max(self.console.height - FRAME, 1):]:
             table.add_row(*shown)
         self._live.update(table, refresh=True)

@@ -1,0 +1,113 @@
+"""The whole chain as the demo runs it: base station, manager, bridge, simulated autopilot."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from ros_helpers import ROOT, ros_domain
+
+LIMIT = 180
+
+
+class Demo:
+    """`demo` as a process whose lines are read as they come."""
+
+    def __init__(self, logs: Path, domain: int) -> None:
+        environment = {
+            **os.environ,
+            'ROS_DOMAIN_ID': str(domain),
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        }
+        self.logs = logs
+        self.process = subprocess.Popen(
+            [sys.executable, '-m', 'uav_mission_manager.cli.demo', '--logs', str(logs)],
+            cwd=ROOT, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        )
+        self.lines: list[str] = []
+
+    def until(self, text: str) -> str:
+        """Read on to a line with `text` and return it."""
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.lines.append(line.rstrip())
+            if text in line:
+                return line
+        raise AssertionError(f'no {text!r} in\n' + '\n'.join(self.lines))
+
+    def finish(self) -> int:
+        """Read to the end and return the exit code."""
+        assert self.process.stdout is not None
+        self.lines += [line.rstrip() for line in self.process.stdout]
+        return self.process.wait(LIMIT)
+
+    def pids(self) -> dict[str, int]:
+        """Process ids of the chain by name."""
+        line = self.until('* pids ')
+        return {name: int(pid) for name, pid in re.findall(r'(\w+) (\d+)', line.split('pids')[1])}
+
+    @property
+    def text(self) -> str:
+        return '\n'.join(self.lines)
+
+
+@pytest.fixture
+def demo(tmp_path: Path) -> Iterator[Demo]:
+    with ros_domain() as domain:
+        demo = Demo(tmp_path / 'logs', domain)
+        yield demo
+        if demo.process.poll() is None:
+            demo.process.terminate()
+            demo.process.wait(LIMIT)
+
+
+def alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_both_missions_end_with_every_goal_achieved_and_the_vehicle_home(demo):
+    assert demo.finish() == 0, demo.text
+    assert 'Case I: one goal: 1 of 1 goals achieved, vehicle home and disarmed' in demo.text
+    assert 'Three goals: 3 of 3 goals achieved, vehicle home and disarmed' in demo.text
+    for happening in ('none agile', 'fault mode actuator', 'repair', 'recharge', 'goal2 agile'):
+        assert happening in demo.text, demo.text
+
+
+def test_without_manager_the_bridge_holds_then_returns_to_launch(demo):
+    pids = demo.pids()
+    demo.until('on site at goal1')
+    os.kill(pids['manager'], signal.SIGKILL)
+    demo.until('bridge: holding')
+    demo.until('bridge: returning to launch')
+    demo.until('the vehicle is home and disarmed')
+    assert demo.finish() == 1
+    assert 'manager (exit code -9) ended' in demo.text
+
+
+def test_without_autopilot_the_manager_reports_the_lost_link_and_falls_silent(demo):
+    pids = demo.pids()
+    demo.until('on site at goal1')
+    os.kill(pids['sim_autopilot'], signal.SIGKILL)
+    demo.until('(silent)')
+    assert demo.finish() == 1
+    after = demo.text.split('(silent)')[1]
+    assert 'link lost' in after
+    assert 'commit' not in after
+
+
+def test_ctrl_c_ends_everything_that_was_started(demo):
+    pids = demo.pids()
+    demo.until('none normal')
+    demo.process.send_signal(signal.SIGINT)
+    assert demo.finish() == 130
+    assert not [name for name, pid in pids.items() if alive(pid)]
