@@ -8,9 +8,10 @@ from uav_mission_manager.mdp.actions import (
     local_actions,
     local_to_global,
 )
+from uav_mission_manager.mdp.fields import MissionError
 from uav_mission_manager.mdp.grid import Grid, Origin
 from uav_mission_manager.mdp.mission import FAULT_MODES, THREAT_LEVELS, Energy, Goal, Mission
-from uav_mission_manager.mdp.mission_file import MissionError, load_mission, mission_from_dict
+from uav_mission_manager.mdp.mission_file import load_mission, mission_from_dict
 from uav_mission_manager.mdp.states import StateError, StateSpace
 
 __all__ = [

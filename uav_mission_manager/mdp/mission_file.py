@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import difflib
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Any
 
 import yaml
 
+from uav_mission_manager.mdp import fields
+from uav_mission_manager.mdp.fields import Bad, MissionError, Section
 from uav_mission_manager.mdp.grid import Grid, Origin
 from uav_mission_manager.mdp.mission import (
     ByMode,
@@ -20,18 +20,9 @@ from uav_mission_manager.mdp.mission import (
     Mission,
     Parts,
     Range,
-    Row,
     ServiceCost,
     Threat,
 )
-
-ROW_SUM_TOLERANCE = 1e-9
-
-T = TypeVar('T')
-
-
-class MissionError(ValueError):
-    """A mission that cannot be used; the message names the source, the field and the value."""
 
 
 def load_mission(path: str | Path) -> Mission:
@@ -46,7 +37,8 @@ def load_mission(path: str | Path) -> Mission:
         data = yaml.load(Path(path).read_text(encoding='utf-8'), Loader=_StrictLoader)
     except (OSError, UnicodeDecodeError) as error:
         raise MissionError(f'{path}: cannot be read: {error}') from error
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        # PyYAML lets a date such as 2020-13-45 and deep nesting end in errors of Python.
         raise MissionError(f'{path}: not valid YAML: {" ".join(str(error).split())}') from error
     return mission_from_dict(data, str(path))
 
@@ -59,19 +51,19 @@ def mission_from_dict(data: Any, source: str) -> Mission:
     MissionError
         At the first field that is bad, missing or unknown.
     """
-    root = _Section(data, source, '')
+    root = Section(data, source, '')
     grid = root.section('grid', _grid)
-    shared = root.get('priority_transition', _stochastic_matrix, None)
+    shared = root.get('priority_transition', fields.stochastic_matrix, None)
     mission = Mission(
-        name=root.get('name', _name),
-        discount=root.get('discount', _open_unit),
-        feasibility=root.get('feasibility', _one_of('strict', 'seed'), 'strict'),
+        name=root.get('name', fields.name),
+        discount=root.get('discount', fields.open_unit),
+        feasibility=root.get('feasibility', fields.one_of('strict', 'seed'), 'strict'),
         grid=grid,
         goals=_goals(root, grid, shared),
         faults=root.section('faults', _faults),
         range=root.section('range', _range),
         threat=root.section('threat', lambda section: _threat(section, grid)),
-        distance_weight=root.get('distance_weight', _non_negative),
+        distance_weight=root.get('distance_weight', fields.non_negative),
         service_cost=root.section('service_cost', _service_cost, ServiceCost()),
         energy=root.section('energy', _energy, None),
     )
@@ -83,201 +75,58 @@ class _StrictLoader(yaml.SafeLoader):
     """YAML without its silent trap: a key given twice is an error."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        mapping: dict[Any, Any] = super().construct_mapping(node, deep=deep)
-        if len(mapping) != len(node.value):
-            keys = [self.construct_object(key, deep=True) for key, _ in node.value]
-            twice = next(key for key in keys if keys.count(key) > 1)
-            raise yaml.YAMLError(f'key {twice!r} twice in one mapping{node.start_mark}')
-        return mapping
-
-
-class _Bad(ValueError):
-    """What is wrong with one value; the section that reads it adds where."""
-
-
-_REQUIRED: Any = object()
-
-
-class _Section:
-    """A mapping being read: every key once, by name; `end` refuses what is left."""
-
-    def __init__(self, data: Any, source: str, place: str) -> None:
-        self.source, self.place = source, place
-        if not isinstance(data, Mapping):
-            self.fail('', f'{data!r} is not a mapping')
-        self.data: Mapping[Any, Any] = data
-        self.known: list[str] = []
-
-    def fail(self, key: str, problem: str) -> NoReturn:
-        field = f'{self.place}.{key}'.strip('.') or 'mission'
-        raise MissionError(f'{self.source}: {field}: {problem}')
-
-    def get(self, key: str, check: Callable[[Any], T], default: Any = _REQUIRED) -> T:
-        self.known.append(key)
-        if key not in self.data:
-            if default is _REQUIRED:
-                self.fail(key, 'is missing')
-            return default
-        try:
-            return check(self.data[key])
-        except _Bad as error:
-            self.fail(key, str(error))
-
-    def section(self, key: str, read: Callable[[_Section], T], default: Any = _REQUIRED) -> T:
-        value = self.get(key, lambda data: data, default)
-        if key not in self.data:
-            return value
-        section = _Section(value, self.source, f'{self.place}.{key}'.strip('.'))
-        result = read(section)
-        section.end()
-        return result
-
-    def end(self) -> None:
-        for key in self.data:
-            if key not in self.known:
-                near = difflib.get_close_matches(str(key), self.known, n=1, cutoff=0.0)
-                self.fail(str(key), f'is unknown; the nearest known key is {near[0]!r}')
-
-
-def _number(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise _Bad(f'{value!r} is not a number')
-    if not math.isfinite(value):
-        raise _Bad(f'{value!r} is not finite')
-    return float(value)
-
-
-def _within(low: float, high: float) -> Callable[[Any], float]:
-    def check(value: Any) -> float:
-        number = _number(value)
-        if not low <= number <= high:
-            raise _Bad(f'{value!r} is outside {low:g}..{high:g}')
-        return number
-
-    return check
-
-
-_probability = _within(0.0, 1.0)
-
-
-def _non_negative(value: Any) -> float:
-    number = _number(value)
-    if number < 0:
-        raise _Bad(f'{value!r} is negative')
-    return number
-
-
-def _positive(value: Any) -> float:
-    number = _number(value)
-    if number <= 0:
-        raise _Bad(f'{value!r} is not above 0')
-    return number
-
-
-def _open_unit(value: Any) -> float:
-    number = _number(value)
-    if not 0 < number < 1:
-        raise _Bad(f'{value!r} is not between 0 and 1')
-    return number
-
-
-def _integer(low: int, high: int | None = None) -> Callable[[Any], int]:
-    def check(value: Any) -> int:
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise _Bad(f'{value!r} is not a whole number')
-        if value < low or (high is not None and value > high):
-            raise _Bad(f'{value!r} is outside {low}..{"" if high is None else high}')
-        return value
-
-    return check
+        keys = [(key.tag, key.value) for key, _ in node.value]
+        for tag, key in keys:
+            if isinstance(key, str) and keys.count((tag, key)) > 1:
+                raise yaml.YAMLError(f'key {key!r} twice in one mapping{node.start_mark}')
+        return super().construct_mapping(node, deep=deep)
 
 
 def _cell(grid: Grid) -> Callable[[Any], int]:
     def check(value: Any) -> int:
         try:
-            return _integer(0, grid.q - 1)(value)
-        except _Bad as error:
-            raise _Bad(f'{error}: no cell of the {grid.rows}x{grid.cols} grid') from None
+            return fields.integer(0, grid.q - 1)(value)
+        except Bad as error:
+            raise Bad(f'{error}: no cell of the {grid.rows}x{grid.cols} grid') from None
 
     return check
 
 
-def _name(value: Any) -> str:
-    if not isinstance(value, str) or not value or value.split() != [value]:
-        raise _Bad(f'{value!r} is not a name (a string without white space)')
-    return value
-
-
-def _one_of(*names: str) -> Callable[[Any], str]:
-    def check(value: Any) -> str:
-        if value not in names:
-            raise _Bad(f'{value!r} is none of {", ".join(names)}')
-        return str(value)
-
-    return check
-
-
-def _row(length: int, check: Callable[[Any], float]) -> Callable[[Any], Row]:
-    def check_row(value: Any) -> Row:
-        if not isinstance(value, (list, tuple)) or len(value) != length:
-            raise _Bad(f'{value!r} is not a list of {length} numbers')
-        return tuple(check(entry) for entry in value)
-
-    return check_row
-
-
-def _matrix(rows: int, check_row: Callable[[Any], Row]) -> Callable[[Any], Matrix]:
-    def check_matrix(value: Any) -> Matrix:
-        if not isinstance(value, (list, tuple)) or len(value) != rows:
-            raise _Bad(f'{value!r} is not a list of {rows} rows')
-        return tuple(check_row(row) for row in value)
-
-    return check_matrix
-
-
-def _distribution(value: Any) -> Row:
-    row = _row(3, _probability)(value)
-    if abs(sum(row) - 1) > ROW_SUM_TOLERANCE:
-        raise _Bad(f'row {value!r} sums to {sum(row):.12g}, not to 1')
-    return row
-
-
-_stochastic_matrix = _matrix(3, _distribution)
-
-
-def _grid(section: _Section) -> Grid:
-    size = Grid(section.get('rows', _integer(1)), section.get('cols', _integer(1)), 0, 0)
+def _grid(section: Section) -> Grid:
+    size = Grid(
+        section.get('rows', fields.integer(1)), section.get('cols', fields.integer(1)), 0, 0
+    )
     return Grid(
         rows=size.rows,
         cols=size.cols,
         base=section.get('base', _cell(size)),
         service=section.get('service', _cell(size)),
-        cell_size=section.get('cell_size', _positive, 50.0),
+        cell_size=section.get('cell_size', fields.positive, 50.0),
         origin=section.section('origin', _origin, None),
     )
 
 
-def _origin(section: _Section) -> Origin:
+def _origin(section: Section) -> Origin:
     # Beyond 89 degrees a local plane with an east axis makes no sense.
     return Origin(
-        latitude=section.get('latitude', _within(-89.0, 89.0)),
-        longitude=section.get('longitude', _within(-180.0, 180.0)),
-        altitude=section.get('altitude', _number),
+        latitude=section.get('latitude', fields.within(-89.0, 89.0)),
+        longitude=section.get('longitude', fields.within(-180.0, 180.0)),
+        altitude=section.get('altitude', fields.number),
     )
 
 
-def _goals(root: _Section, grid: Grid, shared: Matrix | None) -> tuple[Goal, ...]:
+def _goals(root: Section, grid: Grid, shared: Matrix | None) -> tuple[Goal, ...]:
     entries = root.get('goals', _list_of_goals)
     goals: list[Goal] = []
     for index, entry in enumerate(entries):
-        section = _Section(entry, root.source, f'goals[{index}]')
+        section = Section(entry, root.source, f'goals[{index}]')
         goal = Goal(
-            name=section.get('name', _name),
+            name=section.get('name', fields.name),
             cell=section.get('cell', _cell(grid)),
-            eta=section.get('eta', _non_negative),
-            delta=section.get('delta', _non_negative),
+            eta=section.get('eta', fields.non_negative),
+            delta=section.get('delta', fields.non_negative),
             priority_transition=section.get(
-                'priority_transition', _stochastic_matrix, shared or _REQUIRED
+                'priority_transition', fields.stochastic_matrix, shared or fields.REQUIRED
             ),
         )
         if goal.name in (other.name for other in goals):
@@ -289,71 +138,76 @@ def _goals(root: _Section, grid: Grid, shared: Matrix | None) -> tuple[Goal, ...
 
 def _list_of_goals(value: Any) -> list[Any]:
     if not isinstance(value, (list, tuple)) or not value:
-        raise _Bad(f'{value!r} is not a list of at least one goal')
+        raise Bad(f'{value!r} is not a list of at least one goal')
     return list(value)
 
 
-def _faults(section: _Section) -> Faults:
+def _faults(section: Section) -> Faults:
     return Faults(
-        rate=section.section('rate', lambda part: _parts(part, _probability)),
-        agile_factor=section.section('agile_factor', lambda part: _parts(part, _non_negative)),
-        repair_success=section.get('repair_success', _probability, 1.0),
-        completion=section.get('completion', _row(8, _probability)),
-        cost=section.get('cost', _row(8, _non_negative)),
+        rate=section.section('rate', lambda part: _parts(part, fields.probability)),
+        agile_factor=section.section(
+            'agile_factor', lambda part: _parts(part, fields.non_negative)
+        ),
+        repair_success=section.get('repair_success', fields.probability, 1.0),
+        completion=section.get('completion', fields.row(8, fields.probability)),
+        cost=section.get('cost', fields.row(8, fields.non_negative)),
     )
 
 
-def _parts(section: _Section, check: Callable[[Any], float]) -> Parts:
+def _parts(section: Section, check: Callable[[Any], float]) -> Parts:
     return Parts(*(section.get(part, check) for part in ('sensor', 'actuator', 'camera')))
 
 
-def _range(section: _Section) -> Range:
+def _range(section: Section) -> Range:
     return Range(
         loss=section.section(
-            'loss', lambda loss: ByMode(*(loss.get(m, _probability) for m in ('normal', 'agile')))
+            'loss',
+            lambda loss: ByMode(*(loss.get(m, fields.probability) for m in ('normal', 'agile'))),
         ),
-        cost=section.get('cost', _non_negative),
+        cost=section.get('cost', fields.non_negative),
     )
 
 
-def _threat(section: _Section, grid: Grid) -> Threat:
+def _threat(section: Section, grid: Grid) -> Threat:
     return Threat(
-        onset=section.get('onset', _probability),
+        onset=section.get('onset', fields.probability),
         zones=section.section('zones', lambda zones: _zones(zones, grid), ()),
-        high_share=section.get('high_share', _probability),
-        from_low=section.get('from_low', _distribution),
-        from_high=section.get('from_high', _distribution),
-        cost=section.get('cost', _matrix(3, _row(2, _non_negative))),
+        high_share=section.get('high_share', fields.probability),
+        from_low=section.get('from_low', fields.distribution),
+        from_high=section.get('from_high', fields.distribution),
+        cost=section.get('cost', fields.matrix(3, fields.row(2, fields.non_negative))),
     )
 
 
-def _zones(section: _Section, grid: Grid) -> tuple[tuple[int, float], ...]:
+def _zones(section: Section, grid: Grid) -> tuple[tuple[int, float], ...]:
     zones = {}
     for key in section.data:
-        onset = section.get(key, _probability)
+        onset = section.get(key, fields.probability)
         try:  # Keys are whole numbers, in JSON their digits.
             cell = _cell(grid)(int(key) if isinstance(key, str) and key.isdecimal() else key)
-        except _Bad as error:
+        except Bad as error:
             section.fail(str(key), str(error))
+        if cell in zones:
+            section.fail(str(key), f'{key!r} names a cell that another key names too')
         zones[cell] = onset
     return tuple(sorted(zones.items()))
 
 
-def _service_cost(section: _Section) -> ServiceCost:
+def _service_cost(section: Section) -> ServiceCost:
     return ServiceCost(
-        recharge=section.get('recharge', _non_negative, 0.0),
-        repair=section.get('repair', _non_negative, 0.0),
+        recharge=section.get('recharge', fields.non_negative, 0.0),
+        repair=section.get('repair', fields.non_negative, 0.0),
     )
 
 
-def _energy(section: _Section) -> Energy:
+def _energy(section: Section) -> Energy:
     return Energy(
-        capacity=section.get('capacity', _positive),
-        voltage=section.get('voltage', _positive),
-        power=section.get('power', _positive),
-        speed=section.get('speed', _positive),
-        wind=section.get('wind', _non_negative),
-        wind_penalty=section.get('wind_penalty', _non_negative),
-        payload=section.get('payload', _non_negative),
-        payload_penalty=section.get('payload_penalty', _non_negative),
+        capacity=section.get('capacity', fields.positive),
+        voltage=section.get('voltage', fields.positive),
+        power=section.get('power', fields.positive),
+        speed=section.get('speed', fields.positive),
+        wind=section.get('wind', fields.non_negative),
+        wind_penalty=section.get('wind_penalty', fields.non_negative),
+        payload=section.get('payload', fields.non_negative),
+        payload_penalty=section.get('payload_penalty', fields.non_negative),
     )

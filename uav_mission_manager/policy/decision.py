@@ -81,11 +81,19 @@ def _motive(mission: Mission, state: list[int], action: Action) -> str:
         motive = f'{goal.name} has {level[priorities[action.goal - 1]]} priority'
     elif action.kind == 'recharge':
         lost = [goal.name for goal, r in zip(mission.goals, ranges) if not r]
-        motive = f'out of range: {", ".join(lost) or "none"}'
+        motive = f'out of range: {", ".join(lost) or "no goal"}'
     elif action.kind == 'repair':
         motive = f'fault mode {FAULT_MODES[state[0] - 1]}'
+    elif _completing(mission, state):
+        motive = f'{mission.goals[state[-3] - 1].name} is being completed here'
     elif not any(priorities):
         motive = 'no goal is wanted'
     else:
         motive = 'no goal is worth flying to now'
     return f'{motive}, threat {THREAT_LEVELS[state[-2]]}' if action.agile else motive
+
+
+def _completing(mission: Mission, state: list[int]) -> bool:
+    """Whether this epoch may complete the goal committed to, whatever the action."""
+    on_site = state[-3] > 0 and mission.goals[state[-3] - 1].cell == state[-4]
+    return on_site and mission.faults.completion[state[0] - 1] > 0

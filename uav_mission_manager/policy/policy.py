@@ -211,6 +211,9 @@ def load_policy(directory: str | Path, mission: Mission | None = None) -> Policy
     contents, digest = read_policy_set(Path(directory))
     if contents.method not in METHODS:
         raise PolicyError(f'{directory}: method: {contents.method!r} is unknown')
+    subs = tuple(solution.sub for solution in contents.solutions)
+    if subs != METHODS[contents.method].decompose(contents.mission):
+        raise PolicyError(f'{directory}: sub_mdps: are not those of method {contents.method!r}')
     if mission is not None:
         for what, wanted in _geography(mission).items():
             found = _geography(contents.mission)[what]

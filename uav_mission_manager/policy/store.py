@@ -48,7 +48,7 @@ def write_policy_set(contents: PolicySet, directory: Path) -> str:
     PolicyError
         If the place holds something that is no policy set, or cannot be written.
     """
-    if directory.exists() and not (directory / MANIFEST).is_file() and not _empty(directory):
+    if directory.exists() and not _replaceable(directory):
         raise PolicyError(f'{directory}: exists and is no policy set; not overwritten')
     try:
         directory.parent.mkdir(parents=True, exist_ok=True)
@@ -56,9 +56,15 @@ def write_policy_set(contents: PolicySet, directory: Path) -> str:
             fresh = Path(scratch, 'fresh')
             fresh.mkdir()
             digest = _write(contents, fresh)
+            replaced = Path(scratch, 'replaced')
             if directory.exists():
-                directory.rename(Path(scratch, 'replaced'))
-            fresh.rename(directory)
+                directory.rename(replaced)
+            try:
+                fresh.rename(directory)
+            except OSError:
+                if replaced.exists():
+                    replaced.rename(directory)
+                raise
     except OSError as error:
         raise PolicyError(f'{directory}: cannot be written: {error}') from error
     return digest
@@ -81,13 +87,17 @@ def read_policy_set(directory: Path) -> tuple[PolicySet, str]:
         solutions = tuple(_read_part(directory, mission, part) for part in manifest['sub_mdps'])
     except MissionError as error:
         raise PolicyError(str(error)) from error
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, IndexError) as error:
         raise PolicyError(f'{place}: a field is missing or of the wrong type: {error}') from error
     return PolicySet(mission, str(manifest['method']), solutions), str(manifest['digest'])
 
 
-def _empty(directory: Path) -> bool:
-    return directory.is_dir() and not any(directory.iterdir())
+def _replaceable(directory: Path) -> bool:
+    """Whether a directory is empty, or has a manifest and no files but a policy set's."""
+    names = {path.name for path in directory.iterdir()} if directory.is_dir() else {''}
+    return not names or (
+        MANIFEST in names and all(name == MANIFEST or name.endswith('.npy') for name in names)
+    )
 
 
 def _digest(manifest: dict[str, Any]) -> str:
@@ -107,8 +117,12 @@ def _write(contents: PolicySet, directory: Path) -> str:
         ],
     }
     manifest['digest'] = _digest(manifest)
-    (directory / MANIFEST).write_text(json.dumps(manifest, indent=1, sort_keys=True) + '\n')
+    (directory / MANIFEST).write_text(_text(manifest))
     return str(manifest['digest'])
+
+
+def _text(manifest: dict[str, Any]) -> str:
+    return json.dumps(manifest, indent=1, sort_keys=True) + '\n'
 
 
 def _write_part(directory: Path, position: int, solution: Solution) -> dict[str, Any]:
@@ -132,21 +146,23 @@ def _write_part(directory: Path, position: int, solution: Solution) -> dict[str,
 
 def _read_manifest(place: Path) -> dict[str, Any]:
     try:
-        manifest = json.loads(place.read_text(encoding='utf-8'))
+        text = place.read_text(encoding='utf-8')
+        manifest = json.loads(text)
     except OSError as error:
         raise PolicyError(f'{place}: cannot be read: {error}') from error
     except ValueError as error:
         raise PolicyError(f'{place}: not valid JSON: {error}') from error
     if not isinstance(manifest, dict) or manifest.get('schema') != SCHEMA:
         raise PolicyError(f'{place}: schema: is not {SCHEMA}')
-    if manifest.get('digest') != _digest(manifest):
+    # The text too: 1E-08 and 1e-08 are the same number.
+    if manifest.get('digest') != _digest(manifest) or text != _text(manifest):
         raise PolicyError(f'{place}: digest: does not match the manifest; it was altered')
     return manifest
 
 
 def _read_part(directory: Path, mission: Mission, part: dict[str, Any]) -> Solution:
-    names = [goal.name for goal in mission.goals]
-    goals = tuple(names.index(name) for name in part['goals'])
+    positions = {goal.name: position for position, goal in enumerate(mission.goals)}
+    goals = tuple(positions[name] for name in part['goals'])
     sub = SubMdp(mission, goals, tuple(part['actions']), part['share'])
     expected = BellmanOperator(sub).zero()
     arrays = {

@@ -1,0 +1,186 @@
+"""Reading one field after the other: values checked, errors in one line with their place."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, NoReturn, TypeVar
+
+from uav_mission_manager.mdp.mission import Matrix, Row
+
+ROW_SUM_TOLERANCE = 1e-9
+
+T = TypeVar('T')
+
+
+class MissionError(ValueError):
+    """A mission that cannot be used; the message names the source, the field and the value."""
+
+
+class Bad(ValueError):
+    """What is wrong with one value; the section that reads it adds where."""
+
+
+REQUIRED: Any = object()
+
+
+class Section:
+    """A mapping being read: every key once, by name; `end` refuses what is left."""
+
+    def __init__(self, data: Any, source: str, place: str) -> None:
+        self.source, self.place = source, place
+        if not isinstance(data, Mapping):
+            self.fail('', f'{data!r} is not a mapping')
+        self.data: Mapping[Any, Any] = data
+        self.known: list[str] = []
+
+    def fail(self, key: str, problem: str) -> NoReturn:
+        """Raise a `MissionError` about one field."""
+        field = ' '.join(f'{self.place}.{key}'.strip('.').split()) or 'mission'
+        raise MissionError(f'{self.source}: {field}: {problem}')
+
+    def get(self, key: str, check: Callable[[Any], T], default: Any = REQUIRED) -> T:
+        """Return the checked value of a field, or its default."""
+        self.known.append(key)
+        if key not in self.data:
+            if default is REQUIRED:
+                self.fail(key, 'is missing')
+            return default
+        try:
+            return check(self.data[key])
+        except Bad as error:
+            self.fail(key, str(error))
+
+    def section(self, key: str, read: Callable[[Section], T], default: Any = REQUIRED) -> T:
+        """Return what `read` makes of a mapping below, or the default."""
+        value = self.get(key, lambda data: data, default)
+        if key not in self.data:
+            return value
+        section = Section(value, self.source, f'{self.place}.{key}'.strip('.'))
+        result = read(section)
+        section.end()
+        return result
+
+    def end(self) -> None:
+        """Refuse fields nobody asked for, naming the nearest known one."""
+        for key in self.data:
+            if key not in self.known:
+                near = difflib.get_close_matches(str(key), self.known, n=1, cutoff=0.0)
+                self.fail(str(key), f'is unknown; the nearest known key is {near[0]!r}')
+
+
+def number(value: Any) -> float:
+    """Check a finite number."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise Bad(f'{value!r} is not a number')
+    try:
+        number = float(value)
+    except OverflowError:
+        raise Bad(f'{value!r} is too large') from None
+    if not math.isfinite(number):
+        raise Bad(f'{value!r} is not finite')
+    return number
+
+
+def within(low: float, high: float) -> Callable[[Any], float]:
+    """Return a check for a number within low..high."""
+
+    def check(value: Any) -> float:
+        checked = number(value)
+        if not low <= checked <= high:
+            raise Bad(f'{value!r} is outside {low:g}..{high:g}')
+        return checked
+
+    return check
+
+
+probability = within(0.0, 1.0)
+
+
+def non_negative(value: Any) -> float:
+    """Check a number that is not negative."""
+    checked = number(value)
+    if checked < 0:
+        raise Bad(f'{value!r} is negative')
+    return checked
+
+
+def positive(value: Any) -> float:
+    """Check a number above 0."""
+    checked = number(value)
+    if checked <= 0:
+        raise Bad(f'{value!r} is not above 0')
+    return checked
+
+
+def open_unit(value: Any) -> float:
+    """Check a number between 0 and 1, both excluded."""
+    checked = number(value)
+    if not 0 < checked < 1:
+        raise Bad(f'{value!r} is not between 0 and 1')
+    return checked
+
+
+def integer(low: int, high: int | None = None) -> Callable[[Any], int]:
+    """Return a check for a whole number from low, to high if given."""
+
+    def check(value: Any) -> int:
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise Bad(f'{value!r} is not a whole number')
+        if value < low or (high is not None and value > high):
+            raise Bad(f'{value!r} is outside {low}..{"" if high is None else high}')
+        return value
+
+    return check
+
+
+def name(value: Any) -> str:
+    """Check a string without white space."""
+    if not isinstance(value, str) or not value or value.split() != [value]:
+        raise Bad(f'{value!r} is not a name (a string without white space)')
+    return value
+
+
+def one_of(*names: str) -> Callable[[Any], str]:
+    """Return a check for one of several names."""
+
+    def check(value: Any) -> str:
+        if value not in names:
+            raise Bad(f'{value!r} is none of {", ".join(names)}')
+        return str(value)
+
+    return check
+
+
+def row(length: int, check: Callable[[Any], float]) -> Callable[[Any], Row]:
+    """Return a check for a list of numbers."""
+
+    def check_row(value: Any) -> Row:
+        if not isinstance(value, (list, tuple)) or len(value) != length:
+            raise Bad(f'{value!r} is not a list of {length} numbers')
+        return tuple(check(entry) for entry in value)
+
+    return check_row
+
+
+def matrix(rows: int, check_row: Callable[[Any], Row]) -> Callable[[Any], Matrix]:
+    """Return a check for a list of rows."""
+
+    def check_matrix(value: Any) -> Matrix:
+        if not isinstance(value, (list, tuple)) or len(value) != rows:
+            raise Bad(f'{value!r} is not a list of {rows} rows')
+        return tuple(check_row(row) for row in value)
+
+    return check_matrix
+
+
+def distribution(value: Any) -> Row:
+    """Check three probabilities that sum to 1."""
+    values = row(3, probability)(value)
+    if abs(sum(values) - 1) > ROW_SUM_TOLERANCE:
+        raise Bad(f'row {value!r} sums to {sum(values):.12g}, not to 1')
+    return values
+
+
+stochastic_matrix = matrix(3, distribution)
