@@ -108,10 +108,19 @@ class Ros:
         self.node.create_subscription(kind, topic, messages.append, qos)
         return messages
 
+    def advertise(self, topic: str, kind: Any, qos: QoSProfile) -> None:
+        """Make the publisher of `publish` early.
+
+        A publisher sees its subscriber before that one sees it, and what is published in between
+        is lost. Publishers are found in the order they are made: one whose message has arrived
+        says that those before it have been found too.
+        """
+        self._publishers[topic] = self.node.create_publisher(kind, topic, qos)
+
     def publish(self, topic: str, message: Any, qos: QoSProfile) -> None:
         """Publish once, after a subscriber is there."""
         if topic not in self._publishers:
-            self._publishers[topic] = self.node.create_publisher(type(message), topic, qos)
+            self.advertise(topic, type(message), qos)
         publisher = self._publishers[topic]
         self.until(lambda: publisher.get_subscription_count() > 0, f'a subscriber of {topic}')
         publisher.publish(message)

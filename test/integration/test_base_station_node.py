@@ -6,7 +6,7 @@ import signal
 
 import pytest
 from ros_helpers import Ros
-from std_msgs.msg import UInt8MultiArray
+from std_msgs.msg import String, UInt8MultiArray
 
 from uav_mission_manager.nodes import qos
 
@@ -40,14 +40,14 @@ def test_priorities_live(ros: Ros) -> None:
     ([1.0, 0.0, 0.0], 'INTEGER_ARRAY'),
 ])
 def test_bad_priorities_are_refused(ros: Ros, values: list[float], words: str) -> None:
-    node = ros.start('nodes.base_station')
+    node = ros.start('nodes.base_station', '--ros-args', '-p', 'priorities:=[0, 0, 1]')
     heard = ros.listen('goal_priorities', UInt8MultiArray, qos.STATE_IN)
     result = ros.set_parameter('base_station', 'priorities', values)
     assert not result.successful
     assert words in result.reason
     count = len(heard)
     ros.until(lambda: len(heard) > count + 1, 'repetition')
-    assert list(heard[-1].data) == [0, 0, 0]
+    assert list(heard[-1].data) == [0, 0, 1]
     assert len({label(message) for message in heard}) == 1
     assert node.stop() == 0
 
@@ -57,3 +57,31 @@ def test_refuses_to_start_with_one_line(ros: Ros) -> None:
     assert node.wait() == 1
     assert len(node.output.splitlines()) == 1
     assert '2 values, the mission has 3 goals' in node.output
+
+
+def test_an_achieved_goal_leaves_the_repetition_but_not_the_request(ros: Ros) -> None:
+    ros.start('nodes.base_station', '--ros-args', '-p', 'priorities:=[2, 0, 1]')
+    heard = ros.listen('goal_priorities', UInt8MultiArray, qos.STATE_IN)
+    ros.until(lambda: heard, 'the request')
+
+    def achieved() -> bool:
+        ros.publish('goal_completed', String(data='goal1'), qos.EVENT)
+        return list(heard[-1].data) == [0, 0, 1]
+
+    ros.until(achieved, 'a repetition without goal1')
+    assert len({label(message) for message in heard}) == 1
+
+
+def test_a_station_without_priorities_asks_for_nothing(ros: Ros) -> None:
+    ros.start('nodes.base_station')
+    heard = ros.listen('goal_priorities', UInt8MultiArray, qos.STATE_IN)
+    assert ros.set_parameter('base_station', 'priorities', [0, 1, 0]).successful
+    ros.until(lambda: heard, 'the request')
+    assert {tuple(message.data) for message in heard} == {(0, 1, 0)}
+
+
+def test_help_names_the_parameters(ros: Ros) -> None:
+    node = ros.start('nodes.base_station', '--help')
+    assert node.wait() == 0
+    assert 'mission' in node.output
+    assert 'Repetition rate [Hz]' in node.output

@@ -28,19 +28,14 @@ GOAL1, GOAL2 = (GRID.position(cell) for cell in (5, 3))
 SERVICE = GRID.position(GRID.service)
 
 
-class Chain:
-    """Simulated autopilot, bridge, a manager that repeats `command`, and a second ground link."""
+class Crew:
+    """The bridge, and a manager that repeats `command`, with `pose` where it says one."""
 
     def __init__(self, ros: Ros, allow_arming: bool = True, **parameters: object) -> None:
         self.ros = ros
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             probe.bind(('127.0.0.1', 0))
             self.port = probe.getsockname()[1]
-        self.ground = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.ground.bind(('127.0.0.1', 0))
-        self.ground.setblocking(False)
-        self.mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
-        self.start_simulator()
         settings = {
             'mission': CASE_STUDY, 'connection': f'udpin:127.0.0.1:{self.port}',
             'goal_dwell': 1.0, 'service_time': 1.0, 'manager_timeout': 2.0, 'rtl_delay': 3.0,
@@ -48,6 +43,8 @@ class Chain:
         arguments = [part for key, value in settings.items() for part in ('-p', f'{key}:={value}')]
         self.bridge = ros.start('nodes.mavlink_bridge', '--ros-args', *arguments)
         self.command: str | None = None
+        self.pose: tuple[float, float] | None = None
+        self._poses = ros.node.create_publisher(PoseStamped, 'command_pose', qos.LATCHED)
         self._commands = ros.node.create_publisher(String, 'mission_command', qos.LATCHED)
         ros.node.create_timer(0.2, self._repeat)
         self.batteries = ros.listen('battery_state', BatteryState, qos.SENSOR)
@@ -57,15 +54,12 @@ class Chain:
         self.completed = ros.listen('goal_completed', String, qos.EVENT)
         self.diagnostics = ros.listen('/diagnostics', DiagnosticArray, qos.RELIABLE)
 
-    def start_simulator(self) -> None:
-        origin = GRID.origin
-        self.simulator = self.ros.start(
-            'autopilot.sim_autopilot', '--connection', f'udpout:127.0.0.1:{self.port}',
-            '--connection', f'udpout:127.0.0.1:{self.ground.getsockname()[1]}',
-            f'--origin={origin.latitude},{origin.longitude},{origin.altitude}',
-            f'--speedup={SPEEDUP}')
-
     def _repeat(self) -> None:
+        if self.pose is not None:
+            message = PoseStamped()
+            message.header.frame_id = 'map'
+            message.pose.position.x, message.pose.position.y = self.pose
+            self._poses.publish(message)
         if self.command is not None:
             self._commands.publish(String(data=self.command))
 
@@ -92,6 +86,26 @@ class Chain:
     def until_phase(self, phase: str) -> None:
         self.until(lambda: self.value('phase') == phase, phase)
 
+
+class Chain(Crew):
+    """The crew with a simulated autopilot, and a second ground link."""
+
+    def __init__(self, ros: Ros, **parameters: object) -> None:
+        super().__init__(ros, **parameters)
+        self.ground = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.ground.bind(('127.0.0.1', 0))
+        self.ground.setblocking(False)
+        self.mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+        self.start_simulator()
+
+    def start_simulator(self) -> None:
+        origin = GRID.origin
+        self.simulator = self.ros.start(
+            'autopilot.sim_autopilot', '--connection', f'udpout:127.0.0.1:{self.port}',
+            '--connection', f'udpout:127.0.0.1:{self.ground.getsockname()[1]}',
+            f'--origin={origin.latitude},{origin.longitude},{origin.altitude}',
+            f'--speedup={SPEEDUP}')
+
     def until_down_at(self, place: tuple[float, float]) -> None:
         self.until(lambda: self.value('armed') == 'False' and self.distance(place) < 5.0
                    and abs(self.height) < 1.0, f'landed at {place}')
@@ -114,17 +128,70 @@ class Chain:
         self.ground.close()
 
 
-@pytest.fixture
-def chain(ros: Ros):
-    chains: list[Chain] = []
+class Dummy(Crew):
+    """The crew with an autopilot that says what a test has it say, and answers no command."""
 
-    def make(**parameters: object) -> Chain:
-        chains.append(Chain(ros, **parameters))
-        return chains[-1]
+    def __init__(self, ros: Ros, **parameters: object) -> None:
+        super().__init__(ros, **parameters)
+        self.mode, self.armed, self.landed = 4, False, 1
+        self.latitude = GRID.origin.latitude
+        self.mute: set[str] = set()
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.connect(('127.0.0.1', self.port))
+        self._socket.setblocking(False)
+        self._mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+        ros.node.create_timer(0.1, self._speak)
+
+    def _speak(self) -> None:
+        position = round(self.latitude * 1e7), round(GRID.origin.longitude * 1e7)
+        for message in (
+                mavlink.MAVLink_heartbeat_message(
+                    2, 3, 217 if self.armed else 81, self.mode, 4 if self.armed else 3, 3),
+                mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 15200, 0, 80, *[0] * 6),
+                mavlink.MAVLink_gps_raw_int_message(0, 3, *[0] * 8),
+                mavlink.MAVLink_ekf_status_report_message(831, *[0] * 5),
+                mavlink.MAVLink_extended_sys_state_message(0, self.landed),
+                mavlink.MAVLink_global_position_int_message(0, *position, *[0] * 5, 65535)):
+            if message.get_type() not in self.mute:
+                try:
+                    self._socket.send(message.pack(self._mav))
+                except ConnectionRefusedError:  # The bridge is not there yet.
+                    return
+
+    def heard(self) -> set[int]:
+        """Commands that have arrived, by number, but requests for streams."""
+        messages: list[Any] = []
+        try:
+            while True:
+                messages += self._mav.parse_buffer(self._socket.recv(2048)) or []
+        except (BlockingIOError, ConnectionRefusedError):
+            return {m.command for m in messages if m.get_type() in ('COMMAND_LONG', 'COMMAND_INT')
+                    } - {mavlink.MAV_CMD_SET_MESSAGE_INTERVAL}
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def _maker(kind: type, ros: Ros):
+    made: list[Any] = []
+
+    def make(**parameters: object) -> Any:
+        made.append(kind(ros, **parameters))
+        return made[-1]
 
     yield make
-    for each in chains:
+    for each in made:
         each.close()
+
+
+@pytest.fixture
+def chain(ros: Ros):
+    yield from _maker(Chain, ros)
+
+
+@pytest.fixture
+def dummy(ros: Ros):
+    yield from _maker(Dummy, ros)
 
 
 def test_a_goal_a_weak_motor_a_repair_and_home(chain):
@@ -240,21 +307,91 @@ def test_without_allow_arming_it_stays_on_the_ground(chain, ros):
     assert (flight.value('armed'), flight.value('mode')) == ('False', 'STABILIZE')
 
 
-def test_command_pose_refines_the_point_but_never_changes_the_cell(chain, ros):
-    def pose(x: float, y: float) -> None:
-        message = PoseStamped()
-        message.header.frame_id = 'map'
-        message.pose.position.x, message.pose.position.y = x, y
-        ros.publish('command_pose', message, qos.LATCHED)
+ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 
-    flight = chain()
-    within = (GOAL1[0] + 15.0, GOAL1[1] - 10.0)
-    pose(*GOAL2)
+
+def test_a_manager_with_another_mission_is_not_obeyed(dummy, ros):
+    flight = dummy()
+    flight.command, flight.pose = 'commit goal1 normal', GOAL2
+    flight.until(lambda: flight.value('command_refused'), 'a refusal')
+    ros.spin(2.0)
+    assert len(flight.bridge.lines('the manager has another mission; not flown')) == 1
+    assert flight.heard() == set()
+    flight.pose = 10000.0, 10000.0
+    ros.spin(1.0)
+    assert flight.heard() == set()
+    flight.pose = GOAL1
+    flight.until(lambda: ARM in flight.heard(), 'arming')
+    flight.until(lambda: flight.value('command') == flight.command, 'the command')
+    flight.pose = GOAL2
+    flight.until(lambda: 'the manager is silent' in flight.status.message, 'silence')
+
+
+def test_a_command_with_its_pose_is_taken_at_once(dummy, ros):
+    flight = dummy()
+    flight.until(lambda: flight.odom, 'telemetry')
+    for pose, command in ((GOAL1, 'commit goal1 normal'), (GOAL2, 'commit goal2 normal')):
+        flight.pose, flight.command = pose, command
+        flight._repeat()
+        flight.pose = flight.command = None
+        flight.until(lambda command=command: flight.value('command') == command, command)
+
+
+def test_far_from_the_mission_it_does_not_arm(dummy, ros):
+    flight = dummy()
+    flight.latitude += 0.03
     flight.command = 'commit goal1 normal'
-    flight.until(lambda: flight.completed, 'goal completed in spite of an old pose')
-    assert flight.distance(GOAL1) < 5.0
-    pose(*within)
-    flight.until(lambda: flight.distance(within) < 3.0, 'the refined point')
+    flight.until(lambda: 'is it the right mission file?' in flight.status.message, 'a doubt')
+    assert flight.status.level == DiagnosticStatus.WARN
+    assert '3.4 km away' in flight.status.message
+    assert flight.heard() == set()
+    flight.latitude = GRID.origin.latitude + 0.003
+    flight.until(lambda: ARM in flight.heard(), 'arming')
+
+
+@pytest.mark.parametrize('end', ['hold', 'silence'])
+def test_what_is_over_is_not_repeated(dummy, ros, end):
+    flight = dummy(manager_timeout=1.5)
+    flight.command = 'commit goal1 normal'
+    flight.until(lambda: ARM in flight.heard(), 'arming')
+    if end == 'hold':
+        assert ros.call('mavlink_bridge/hold').success
+    else:
+        flight.command = None
+        flight.until(lambda: flight.bridge.lines('the manager is silent'), 'silence')
+    flight.heard()
+    ros.spin(3.0)
+    assert flight.heard() == set()
+
+
+def test_hold_and_resume_say_so_where_they_can_do_nothing(dummy, ros):
+    flight = dummy()
+    flight.mute = {'HEARTBEAT'}
+    answer = ros.call('mavlink_bridge/resume')
+    assert (answer.success, answer.message) == (False, 'no heartbeat of the autopilot')
+    answer = ros.call('mavlink_bridge/hold')
+    assert not answer.success
+    assert 'no heartbeat of the autopilot' in answer.message
+    flight.armed, flight.landed = True, 2
+    flight.mute = {'GLOBAL_POSITION_INT'}
+    flight.until_phase('holding')
+    assert 'no position to hold' in flight.status.message
+    answer = ros.call('mavlink_bridge/hold')
+    assert not answer.success
+    assert 'no position to hold' in answer.message
+    assert flight.heard() == set()
+    assert ros.call('mavlink_bridge/resume').success
+
+
+@pytest.mark.parametrize('mute', ['SYS_STATUS', 'GPS_RAW_INT', 'EKF_STATUS_REPORT'])
+def test_no_fault_mode_is_made_of_old_values(dummy, ros, mute):
+    flight = dummy()
+    flight.until(lambda: flight.value('fault_mode') == 'nominal', 'fault mode')
+    flight.mute = {mute}
+    flight.until(lambda: flight.value('fault_mode') == '', 'no judgement')
+    count = len(flight.faults)
+    ros.spin(2.0)
+    assert len(flight.faults) == count
 
 
 @pytest.mark.parametrize(('parameter', 'complaint'), [

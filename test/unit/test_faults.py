@@ -42,6 +42,15 @@ def test_nothing_is_said_before_telemetry_suffices(missing):
     assert watch.see(0.2) == NOMINAL
 
 
+@pytest.mark.parametrize('missing', ['unhealthy', 'fix_type', 'ekf_flags'])
+def test_nothing_is_said_once_telemetry_does_not_suffice_any_more(missing):
+    watch = Watch()
+    assert watch.see(1.0) == NOMINAL
+    watch.see(0.8, replace(HEALTHY, unhealthy=GYRO))
+    assert watch.see(9.0, replace(HEALTHY, **{missing: None})) is None
+    assert watch.see(0.4, replace(HEALTHY, unhealthy=GYRO)) == NOMINAL, 'seen in one go only'
+
+
 def test_nothing_is_said_before_the_first_fix():
     watch = Watch()
     assert watch.see(60.0, replace(HEALTHY, fix_type=1, ekf_flags=167)) is None
@@ -129,6 +138,8 @@ def test_as_many_motors_as_the_frame_has():
     watch = Watch()
     six = (1589,) * 5 + (1900,)
     assert watch.see(10.0, replace(HEALTHY, motors=six, motor_count=4)) == NOMINAL
+    weak = (1589, 1900, 1589, 1589)
+    assert watch.see(10.0, replace(HEALTHY, motors=weak, motor_count=0)) == NOMINAL
     assert watch.see(10.0, replace(HEALTHY, motors=six, motor_count=6)) == Fault.ACTUATOR
 
 

@@ -84,7 +84,9 @@ class Wire:
 
     def poll(self, seconds: float = 0.05) -> list:
         self.now += seconds
-        return self.link.poll(self.now)
+        messages = self.link.poll(self.now)
+        self.link.repeat(self.now)
+        return messages
 
     def until(self, condition: Callable[[], object]) -> None:
         """Poll in real time: for what the kernel has still to deliver."""
@@ -337,6 +339,21 @@ def test_cancelled_commands_are_not_repeated_streams_are(make):
     wire.peer.heard()
     wire.link.cancel()
     assert [m.command for m in sent_later(wire)] == [STREAM] * 3
+
+
+def test_what_is_heard_may_cancel_what_would_be_repeated(make):
+    wire = make(streams=RATES).up()
+    wire.link.send(ARM, wire.now)
+    wire.peer.heard()
+    wire.peer.beat()
+    wire.now += 1.0
+    end = time.monotonic() + 10.0
+    while not wire.link.poll(wire.now):
+        assert time.monotonic() < end
+    assert wire.peer.commands() == []
+    wire.link.cancel()
+    wire.link.repeat(wire.now)
+    assert [m.command for m in wire.peer.commands()] == [STREAM]
 
 
 def test_nothing_is_commanded_without_link_nor_caught_up_on_later(make):

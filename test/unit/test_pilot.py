@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from uav_mission_manager.autopilot.pilot import Phase, Pilot, Settings, Task
+from uav_mission_manager.autopilot.pilot import Pilot
+from uav_mission_manager.autopilot.task import Phase, Settings, Task
 from uav_mission_manager.autopilot.telemetry import Position, Telemetry
 from uav_mission_manager.autopilot.vehicle import Arm, Fly, Mode, SetMode, TakeOff
 
@@ -36,7 +37,7 @@ class Flight:
         self.settings = settings
         self.now = 100.0
         self.task: Task | None = None
-        self.east = self.north = self.height = 0.0
+        self.east = self.north = self.height = self.climb = 0.0
         self.telemetry = replace(Telemetry(
             mode=Mode.STABILIZE, landed=True, ready=True, unhealthy=0, ekf_flags=831), **telemetry)
         self.position = True
@@ -68,7 +69,8 @@ class Flight:
 
     def silent_step(self, seconds: float = 0.05):
         self.now += seconds
-        position = Position(self.now, *place(self.east, self.north), 584.0, self.height)
+        position = Position(self.now, *place(self.east, self.north), 584.0, self.height,
+                            (0.0, 0.0, self.climb))
         return self.pilot.update(
             replace(self.telemetry, position=position if self.position else None), self.now)
 
@@ -89,12 +91,11 @@ def fly_to(task: Task, speed: float = SETTINGS.cruise_speed) -> Fly:
 # A flight, phase by phase
 
 
-def test_nothing_is_done_without_a_command():
+def test_nothing_is_done_on_the_ground_without_a_command():
     flight = Flight()
     assert flight.run(60.0)[0] == []
-    flight.airborne()
-    requests, _, step = flight.run(60.0)
-    assert (requests, step.phase) == ([], Phase.WAITING)
+    requests, _, step = flight.set(mode=Mode.GUIDED, armed=True).run(60.0)
+    assert (requests, step.phase) == ([], Phase.HOLDING)
 
 
 def test_from_the_ground_guided_then_arm_then_take_off_then_go():
@@ -161,6 +162,27 @@ def test_no_position_no_arming():
     requests, _, step = flight.run(5.0)
     assert requests == []
     assert 'position' in step.status
+
+
+MISSION = replace(SETTINGS, reach=300.0)
+
+
+@pytest.mark.parametrize('task', [COMMIT, HOVER, HOME, REPAIR])
+def test_far_from_its_destination_it_stays_on_the_ground_and_doubts_the_mission(task):
+    flight = Flight(MISSION, mode=Mode.GUIDED).at(9100.0, height=0.0).order(task)
+    requests, _, step = flight.run(30.0)
+    assert (step.phase, requests) == (Phase.HOLDING, [])
+    assert 'km away; is it the right mission file?' in step.status
+    assert flight.at(200.0, height=0.0).step().phase is not Phase.HOLDING
+
+
+def test_far_from_its_destination_it_holds_in_the_air():
+    flight = Flight(MISSION).order(COMMIT).airborne(9100.0)
+    here = Fly(*place(9100.0), 20.0, SETTINGS.cruise_speed)
+    requests, _, step = flight.run(1.0)
+    requests += flight.at(9102.0).run(20.0)[0]
+    assert (step.phase, set(requests)) == (Phase.HOLDING, {here})
+    assert step.status == 'commit goal1 normal: 9.0 km away; is it the right mission file?'
 
 
 def test_commit_dwells_and_completes_once():
@@ -335,6 +357,63 @@ def test_a_pilot_who_disarms_is_not_overruled():
     assert (step.phase, requests) == (Phase.PILOT, [])
 
 
+@pytest.mark.parametrize('settings', [SETTINGS, Settings()])
+def test_motors_stopped_in_flight_are_not_started_again(settings):
+    """Whoever armed it: a crew that found it flying away, say."""
+    flight = Flight(settings).order(COMMIT).airborne(50.0)
+    flight.step()
+    requests, _, step = flight.set(armed=False, landed=True).run(10.0)
+    assert (step.phase, requests) == (Phase.PILOT, [])
+    assert 'disarmed, but not from here' in step.status
+
+
+def disarmed(flight: Flight, height: float, climb: float):
+    flight.at(0.0, height=height).climb = climb
+    return flight.set(armed=False, landed=True).step()
+
+
+@pytest.mark.parametrize(('mode', 'height', 'climb', 'phase'), [
+    (Mode.LAND, 18.0, -4.0, Phase.PILOT),
+    (Mode.LAND, 18.0, 0.0, Phase.GROUND),
+    (Mode.LAND, 0.0, -0.6, Phase.GROUND),
+], ids=['falling', 'landed on a hill', 'landed'])
+def test_a_landing_ends_at_rest(mode, height, climb, phase):
+    flight = Flight().order(HOME).airborne()
+    flight.step()
+    flight.set(mode=mode).step()
+    assert disarmed(flight, height, climb).phase is phase
+
+
+def test_motors_stopped_by_hand_in_flight_by_hand_are_not_started_again():
+    flight = Flight().order(COMMIT).airborne().set(mode=Mode.LOITER)
+    flight.step()
+    step = disarmed(flight, 18.0, 0.0)
+    assert (step.phase, step.requests) == (Phase.PILOT, ())
+    assert step.status.startswith('disarmed 18 m above home')
+
+
+def hand_armed_after_resume() -> Flight:
+    flight = Flight().order(HOVER)
+    flight.pilot.resume(flight.now)
+    flight.step()
+    return flight
+
+
+def hand_armed_after_an_order() -> Flight:
+    flight = Flight().order(COMMIT)
+    assert flight.step().requests == (SetMode(Mode.GUIDED),)
+    return flight
+
+
+@pytest.mark.parametrize('ready', [hand_armed_after_resume, hand_armed_after_an_order])
+def test_armed_by_hand_it_is_flown_by_hand_until_guided(ready):
+    flight = ready().set(armed=True)
+    requests, _, step = flight.order(COMMIT).run(10.0)
+    assert (step.phase, requests) == (Phase.PILOT, [])
+    flight.set(landed=False).at(0.0)
+    assert flight.set(mode=Mode.GUIDED).step().requests == (fly_to(COMMIT),)
+
+
 def test_a_failsafe_is_not_overruled():
     flight = Flight().order(HOME).airborne()
     flight.step()
@@ -463,6 +542,17 @@ def test_hold_breaks_off_a_landing_at_a_safe_height():
         Fly(*place(), 3.0, SETTINGS.cruise_speed),)
 
 
+def test_without_position_a_hold_asks_for_nothing_and_says_so():
+    flight = Flight().order(COMMIT).airborne(50.0)
+    flight.step()
+    flight.pilot.hold()
+    flight.step()
+    flight.position = False
+    requests, _, step = flight.run(10.0)
+    assert (step.phase, requests) == (Phase.HOLDING, [])
+    assert 'no position to hold' in step.status
+
+
 def test_hold_on_the_ground_does_not_arm():
     flight = Flight().order(COMMIT)
     flight.pilot.hold()
@@ -486,7 +576,7 @@ def test_motors_that_a_human_started_are_left_alone():
     flight.set(armed=True)
     requests, _, step = flight.run(5.0)
     assert (step.phase, requests) == (Phase.GROUND, [])
-    assert flight.set(armed=False).step().phase is Phase.GROUND
+    assert 'disarmed, but not from here' in flight.set(armed=False).step().status
 
 
 # A silent manager
@@ -525,6 +615,54 @@ def test_a_manager_that_comes_back_before_the_return_continues():
     silence(flight, 8.0)
     step = flight.step()
     assert (step.phase, step.requests) == (Phase.EN_ROUTE, (fly_to(COMMIT),))
+
+
+def test_found_flying_without_a_manager_it_holds_then_returns():
+    flight = Flight().airborne(50.0)
+    requests, step = silence(flight, 12.9)
+    assert (step.phase, requests[0]) == (
+        Phase.HOLDING, Fly(*place(50.0), 20.0, SETTINGS.cruise_speed))
+    requests, step = silence(flight, 0.3)
+    assert (step.phase, requests) == (Phase.RETURNING, [SetMode(Mode.RTL)])
+
+
+def test_a_manager_silent_since_the_link_was_lost_is_awaited_anew():
+    flight = Flight().order(COMMIT).airborne(50.0)
+    flight.step()
+    for _ in range(1000):
+        flight.now += 0.05
+        flight.pilot.update(None, flight.now)
+    requests, step = silence(flight, 12.9)
+    assert step.phase is Phase.HOLDING
+    assert SetMode(Mode.RTL) not in requests
+    assert flight.step().requests == (fly_to(COMMIT),)
+
+
+def test_a_resume_is_not_kept_for_after_a_lost_link():
+    flight = Flight().order(COMMIT).airborne(50.0)
+    flight.step()
+    flight.pilot.update(None, flight.now)
+    flight.pilot.resume(flight.now)
+    flight.pilot.update(None, flight.now)
+    requests, _, step = flight.set(mode=Mode.LOITER).run(5.0)
+    assert (step.phase, requests) == (Phase.PILOT, [])
+
+
+def test_a_resumed_vehicle_holds_where_it_is_until_the_manager_is_heard():
+    flight = Flight().order(COMMIT).airborne(50.0)
+    silence(flight, 8.0)
+    silence(flight.set(mode=Mode.LOITER).at(80.0), 5.0)
+    flight.pilot.resume(flight.now)
+    silence(flight, 0.1)
+    requests, _ = silence(flight.set(mode=Mode.GUIDED), 0.1)
+    assert requests == [Fly(*place(80.0), 20.0, SETTINGS.cruise_speed)]
+
+
+def test_silence_lets_motors_that_a_human_started_idle_on_the_ground():
+    flight = Flight(mode=Mode.GUIDED).order(HOVER)
+    flight.step()
+    requests, step = silence(flight.set(armed=True), 60.0)
+    assert (step.phase, requests) == (Phase.HOLDING, [])
 
 
 def test_a_return_that_is_not_flown_is_asked_for_again():

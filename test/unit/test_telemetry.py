@@ -5,7 +5,7 @@ import math
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from uav_mission_manager.autopilot.telemetry import Position, Telemetry, update
+from uav_mission_manager.autopilot.telemetry import Position, Telemetry, forget, update
 from uav_mission_manager.autopilot.vehicle import mode_name
 
 UNKNOWN_BATTERY = pytest.approx(math.nan, nan_ok=True)
@@ -57,7 +57,7 @@ def test_failsafe(state, failsafe):
 
 @pytest.mark.parametrize(('kind', 'motors'), [
     (mavlink.MAV_TYPE_QUADROTOR, 4), (mavlink.MAV_TYPE_HEXAROTOR, 6),
-    (mavlink.MAV_TYPE_OCTOROTOR, 8)])
+    (mavlink.MAV_TYPE_OCTOROTOR, 8), (mavlink.MAV_TYPE_TRICOPTER, 0)])
 def test_number_of_motors(kind, motors):
     assert decode(heartbeat(kind=kind)).motor_count == motors
 
@@ -120,6 +120,18 @@ def test_a_position_to_fly_by_is_recent_and_absolute():
     assert telemetry.fix(9.1) is None
     assert decode(global_position(), ekf(831)).fix(7.0) is not None
     assert decode(global_position(), ekf(167)).fix(7.0) is None
+
+
+def test_what_is_not_said_again_is_forgotten():
+    gps = mavlink.MAVLink_gps_raw_int_message(0, 3, *[0] * 8)
+    landed = mavlink.MAVLink_extended_sys_state_message(0, 1)
+    telemetry = decode(heartbeat(), sys_status(), gps, ekf(831), landed)
+    assert forget(telemetry, 11.9) == telemetry
+    old = forget(telemetry, 12.1)
+    assert (old.unhealthy, old.ready, old.battery, old.landed) == (None,) * 4
+    assert (old.fix_type, old.ekf_flags) == (None, None)
+    assert old.mode == 4, 'the link is lost before'
+    assert forget(update(telemetry, ekf(167), 12.0), 12.1).ekf_flags == 167
 
 
 def test_distance():

@@ -9,12 +9,12 @@ from collections.abc import Sequence
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
-from std_msgs.msg import MultiArrayDimension, UInt8MultiArray
+from std_msgs.msg import MultiArrayDimension, String, UInt8MultiArray
 
 from uav_mission_manager.mdp import load_mission
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.parameters import Parameter, declare
-from uav_mission_manager.nodes.runtime import run
+from uav_mission_manager.nodes.runtime import run, safety_clock
 from uav_mission_manager.paths import share_directory
 
 PARAMETERS = (
@@ -40,10 +40,15 @@ class BaseStation(Node):
         self._publisher = self.create_publisher(
             UInt8MultiArray, 'goal_priorities', qos.STATE_IN,
             qos_overriding_options=qos.OVERRIDABLE)
-        self._request(priorities)
+        self.create_subscription(
+            String, 'goal_completed', self._on_completed, qos.EVENT,
+            qos_overriding_options=qos.OVERRIDABLE)
+        self._message: UInt8MultiArray | None = None
+        if any(priorities):  # A station that restarts with none must not end a mission.
+            self._request(priorities)
         self.add_on_set_parameters_callback(self._check)
         self.add_post_set_parameters_callback(self._on_set)
-        self.create_timer(1.0 / settings.rate, self._publish)
+        self.create_timer(1.0 / settings.rate, self._publish, clock=safety_clock(self))
 
     def _fault_in(self, priorities: Sequence[int]) -> str:
         if len(priorities) != len(self._goals):
@@ -73,13 +78,19 @@ class BaseStation(Node):
         self.get_logger().info(f'priorities {list(priorities)}, request {label}')
         self._publish()
 
+    def _on_completed(self, message: String) -> None:
+        """Take an achieved goal out of the repetition, or a restarted manager would revive it."""
+        if self._message is not None and message.data in self._goals:
+            self._message.data[self._goals.index(message.data)] = 0
+
     def _publish(self) -> None:
-        self._publisher.publish(self._message)
+        if self._message is not None:
+            self._publisher.publish(self._message)
 
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run(BaseStation, args)
+    return run(BaseStation, PARAMETERS, args)
 
 
 if __name__ == '__main__':

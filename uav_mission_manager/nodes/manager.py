@@ -20,7 +20,7 @@ from visualization_msgs.msg import MarkerArray
 
 from uav_mission_manager.nodes import qos, reporting
 from uav_mission_manager.nodes.parameters import Parameter, declare
-from uav_mission_manager.nodes.runtime import run
+from uav_mission_manager.nodes.runtime import run, safety_clock
 from uav_mission_manager.onboard import InputError, Refusal, Situation, decide, format_command
 from uav_mission_manager.paths import share_directory
 from uav_mission_manager.policy import Decision, load_policy
@@ -36,8 +36,12 @@ PARAMETERS = (
               'come back (fraction)', 0.0, 1.0),
     Parameter('epoch', 15.0, 'Longest stay in the cell of the goal committed to; above the time '
               'from the edge of a cell to goal_completed [s]', 0.0, 600.0),
-    Parameter('rate', 1.0, 'Decision and repetition rate [Hz]', 0.1, 20.0),
+    Parameter('rate', 1.0, 'Decision and repetition rate [Hz]', 1.0, 20.0),
 )
+
+
+KEPT = ('threat_level', 'goal_priorities')
+"""Inputs that hold their last value when their source falls silent; the diagnostics warn."""
 
 
 class Manager(Node):
@@ -46,6 +50,7 @@ class Manager(Node):
     def __init__(self) -> None:
         super().__init__('manager')
         self._settings = declare(self, PARAMETERS)
+        self._timer_clock = safety_clock(self)
         self._path = self._settings.policy or str(share_directory() / 'policies' / 'case_study')
         self._policy = load_policy(self._path)
         self._situation = Situation(self._policy.mission, self._settings.range_hysteresis)
@@ -55,8 +60,9 @@ class Manager(Node):
         self._refused: dict[str, str] = {}
         self._create_outputs()
         self._create_inputs()
-        self.create_timer(1.0 / self._settings.rate, partial(self._step, repeat=True))
-        self.create_timer(1.0, self._diagnose)
+        self.create_timer(1.0 / self._settings.rate, partial(self._step, repeat=True),
+                          clock=self._timer_clock)
+        self.create_timer(1.0, self._diagnose, clock=self._timer_clock)
         self.get_logger().info(f'policy {self._label}')
 
     def _create_outputs(self) -> None:
@@ -93,7 +99,7 @@ class Manager(Node):
         self.create_service(Trigger, '~/reset_goals', self._on_reset)
 
     def _now(self) -> float:
-        return float(self.get_clock().now().nanoseconds) * 1e-9
+        return float(self._timer_clock.now().nanoseconds) * 1e-9
 
     @property
     def _label(self) -> str:
@@ -161,14 +167,17 @@ class Manager(Node):
         bad_policy = refused.pop('policy_set', '')
         missing = self._situation.missing(now, self._settings.input_timeout)
         ok, warn, error = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-        ages = {topic: f'{age:.2f} s' for topic, age in self._situation.ages(now).items()}
+        ages = self._situation.ages(now)
+        old = [f'{topic} {ages[topic]:.1f} s old, its last value kept' for topic in KEPT
+               if topic in ages and ages[topic] > self._settings.input_timeout]
         statuses = [
             reporting.status(
                 warn if bad_policy else ok, f'{name}: policy', bad_policy or self._path,
                 digest=self._policy.digest, method=self._policy.method),
             reporting.status(
-                warn if refused else ok, f'{name}: inputs',
-                '; '.join(refused.values()) or 'all good', **ages),
+                warn if refused or old else ok, f'{name}: inputs',
+                '; '.join([*refused.values(), *old]) or 'all good',
+                **{topic: f'{age:.2f} s' for topic, age in ages.items()}),
             reporting.status(
                 error if missing else ok, f'{name}: link',
                 'link lost: ' + ', '.join(missing) if missing else 'all inputs fresh'),
@@ -222,7 +231,7 @@ def _with_priorities(situation: Situation, message: UInt8MultiArray, now: float)
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run(Manager, args)
+    return run(Manager, PARAMETERS, args)
 
 
 if __name__ == '__main__':

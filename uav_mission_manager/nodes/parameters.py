@@ -20,7 +20,7 @@ from rclpy.node import Node
 
 @dataclass(frozen=True)
 class Parameter:
-    """One row of a node's table; `minimum` and `maximum` are inclusive."""
+    """One row of a node's table; `minimum` and `maximum` are inclusive and come together."""
 
     name: str
     default: Any
@@ -33,16 +33,14 @@ class Parameter:
         """Return what `ros2 param describe` shows; rclpy enforces the range."""
         message = ParameterDescriptor(
             name=self.name, description=self.description, read_only=self.read_only)
-        if self.minimum is None and self.maximum is None:
+        if self.minimum is None or self.maximum is None:
             return message
-        low = -math.inf if self.minimum is None else self.minimum
-        high = math.inf if self.maximum is None else self.maximum
         if isinstance(self.default, float):
             message.floating_point_range = [
-                FloatingPointRange(from_value=float(low), to_value=float(high))]
+                FloatingPointRange(from_value=float(self.minimum), to_value=float(self.maximum))]
         else:
-            message.integer_range = [IntegerRange(
-                from_value=int(max(low, -2**63)), to_value=int(min(high, 2**63 - 1)))]
+            message.integer_range = [
+                IntegerRange(from_value=int(self.minimum), to_value=int(self.maximum))]
         return message
 
 

@@ -2,27 +2,49 @@
 
 from __future__ import annotations
 
+import inspect
 import signal
+import sys
 from collections.abc import Callable
 
 import rclpy
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.logging import get_logger
 from rclpy.node import Node
 
+from uav_mission_manager.nodes.parameters import Parameter
+
 # MissionError, PolicyError and refused parameters are ValueErrors.
 START_ERRORS = (ValueError, OSError)
 
 
-def run(node_class: Callable[[], Node], args: list[str] | None = None) -> int:
-    """Spin a `node_class()` until the process is asked to stop.
+def safety_clock(node: Node) -> Clock:
+    """Return the clock for timers and time-outs: a step of the system's time leaves it alone.
+
+    It is the node's own clock where `use_sim_time` is set at the start.
+    """
+    if node.get_parameter('use_sim_time').value:
+        return node.get_clock()
+    return Clock(clock_type=ClockType.STEADY_TIME)
+
+
+def run(
+    node_class: Callable[[], Node], table: tuple[Parameter, ...], args: list[str] | None = None,
+) -> int:
+    """Spin a `node_class()` with the parameters of `table` until the process is asked to stop.
 
     Returns
     -------
     int
-        Exit code: 0 after SIGINT or SIGTERM, 1 when the node could not start (one log line).
+        Exit code: 0 after SIGINT or SIGTERM or `--help`, 1 when the node could not start (one
+        log line).
     """
+    if {'-h', '--help'} & set(sys.argv[1:] if args is None else args):
+        print(_help(node_class, table))
+        return 0
     rclpy.init(args=args)
     node = None
     try:
@@ -50,3 +72,9 @@ def run(node_class: Callable[[], Node], args: list[str] | None = None) -> int:
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _help(node_class: Callable[[], Node], table: tuple[Parameter, ...]) -> str:
+    rows = '\n'.join(f'  {row.name:<24} {row.description} ({row.default!r})' for row in table)
+    usage = '--ros-args [-r __ns:=/NAMESPACE] [-p NAME:=VALUE ...] [--params-file FILE]'
+    return f'{inspect.getdoc(node_class)}\n\n{usage}\n\nparameters (default):\n{rows}'

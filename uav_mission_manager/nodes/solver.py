@@ -68,7 +68,7 @@ def _default_out(name: str) -> Path:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run(Solver, args)
+    return run(Solver, PARAMETERS, args)
 
 
 if __name__ == '__main__':

@@ -201,14 +201,14 @@ def decide(
     decision = policy.decide(situation.state)
     if not _on_site(situation, now, epoch) or decision.action.goal == situation.commitment:
         return decision
-    k, j = situation.mission.k, situation.commitment
-    number = (k + 2 + j) if decision.action.agile else (1 + j)
-    goal = situation.mission.goals[j - 1].name
+    keep = (situation.commitment, decision.action.agile)
+    action = next(a for a in global_actions(situation.mission) if (a.goal, a.agile) == keep)
+    goal = situation.mission.goals[action.goal - 1].name
     return replace(
         decision,
-        action=global_actions(situation.mission)[number - 1],
+        action=action,
         runner_up=decision.action,
-        margin=decision.values[decision.action.number - 1] - decision.values[number - 1],
+        margin=decision.values[decision.action.number - 1] - decision.values[action.number - 1],
         reason=f'on site at {goal}; then: {decision.reason}',
     )
 

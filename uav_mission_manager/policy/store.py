@@ -85,11 +85,12 @@ def read_policy_set(directory: Path) -> tuple[PolicySet, str]:
         if mission.digest() != manifest['mission_sha256']:
             raise PolicyError(f'{place}: mission_sha256: does not match the mission')
         solutions = tuple(_read_part(directory, mission, part) for part in manifest['sub_mdps'])
+        contents = PolicySet(mission, str(manifest['method']), solutions)
     except MissionError as error:
         raise PolicyError(str(error)) from error
-    except (KeyError, TypeError, IndexError) as error:
+    except (LookupError, TypeError) as error:
         raise PolicyError(f'{place}: a field is missing or of the wrong type: {error}') from error
-    return PolicySet(mission, str(manifest['method']), solutions), str(manifest['digest'])
+    return contents, str(manifest['digest'])
 
 
 def _replaceable(directory: Path) -> bool:

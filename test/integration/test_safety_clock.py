@@ -1,0 +1,46 @@
+"""Timers and time-outs go by a clock that no step of the system's time can stop or turn back."""
+
+from __future__ import annotations
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from ros_helpers import Ros
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import UInt8MultiArray
+
+from uav_mission_manager.nodes import qos
+
+REPEATED = [
+    ('manager', '/diagnostics', DiagnosticArray, qos.RELIABLE),
+    ('mavlink_bridge', '/diagnostics', DiagnosticArray, qos.RELIABLE),
+    ('base_station', 'goal_priorities', UInt8MultiArray, qos.STATE_IN),
+]
+ARGUMENTS = ('-p', 'priorities:=[1, 0, 0]', '-p', 'connection:=udpin:127.0.0.1:0')
+
+
+@pytest.mark.parametrize(('node', 'topic', 'kind', 'profile'), REPEATED)
+def test_a_node_goes_on_when_ros_time_goes_back_and_stands(ros: Ros, node, topic, kind, profile):
+    messages = ros.listen(topic, kind, profile)
+    ros.start(f'nodes.{node}', '--ros-args', *ARGUMENTS)
+    ros.until(lambda: messages, f'{topic} of {node}')
+    assert ros.set_parameter(node, 'use_sim_time', True).successful
+    count = len(messages)
+    ros.until(lambda: len(messages) > count + 2, f'{topic} of {node} under stopped time', 10.0)
+
+
+@pytest.mark.parametrize(('node', 'topic', 'kind', 'profile'), REPEATED)
+def test_simulated_time_set_at_the_start_is_followed(ros: Ros, node, topic, kind, profile):
+    messages = ros.listen(topic, kind, profile)
+    ros.start(f'nodes.{node}', '--ros-args', '-p', 'use_sim_time:=true', *ARGUMENTS)
+    count = len(messages) + 2  # The base station speaks once before any timer.
+    ros.spin(5.0)
+    assert len(messages) < count
+    seconds = iter(range(1, 1000))
+
+    def tick() -> Clock:
+        clock = Clock()
+        clock.clock.sec = next(seconds)
+        return clock
+
+    ros.repeat('/clock', tick, qos.RELIABLE)
+    ros.until(lambda: len(messages) > count, f'{topic} of {node} under simulated time')
