@@ -15,12 +15,13 @@ from launch_ros.substitutions import ExecutableInPackage
 
 from uav_mission_manager.mdp import load_mission
 from uav_mission_manager.paths import share_directory
+from uav_mission_manager.policy import load_policy
 
 PACKAGE = 'uav_mission_manager'
 SHARE = share_directory()
 ARGUMENTS = {
     'namespace': ('uav1', 'namespace of the vehicle'),
-    'mission': (f'{SHARE}/config/case_study.yaml', 'mission file'),
+    'mission': (f'{SHARE}/config/case_study.yaml', 'mission file, given with its policy'),
     'policy': (f'{SHARE}/policies/case_study', 'policy set built from the mission file'),
     'connection': ('udpin:127.0.0.1:14550', 'where the bridge meets the autopilot (pymavlink)'),
     'params': (f'{SHARE}/config/nodes.yaml', 'node parameters; the arguments here come first'),
@@ -39,6 +40,13 @@ def node(executable: str, **parameters: ParameterValue) -> Node:
     return Node(
         package=PACKAGE, executable=executable, namespace=LaunchConfiguration('namespace'),
         parameters=[LaunchConfiguration('params'), parameters], output='screen')
+
+
+def one_mission(context: LaunchContext) -> None:
+    """Refuse a policy set that was built from another mission file."""
+    path, policy = (LaunchConfiguration(name).perform(context) for name in ('mission', 'policy'))
+    if load_mission(path) != load_policy(policy).mission:
+        raise RuntimeError(f'policy {policy} was not built from mission {path}')
 
 
 def simulated_autopilot(context: LaunchContext) -> list[ExecuteProcess]:
@@ -62,6 +70,7 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription([
         *(DeclareLaunchArgument(name, default_value=default, description=text)
           for name, (default, text) in ARGUMENTS.items()),
+        OpaqueFunction(function=one_mission),
         node('base_station', mission=argument('mission')),
         node('manager', policy=argument('policy')),
         node('mavlink_bridge', mission=argument('mission'), connection=argument('connection'),

@@ -70,6 +70,7 @@ class FaultEstimator:
         """
         unhealthy, fix, ekf = telemetry.unhealthy, telemetry.fix_type, telemetry.ekf_flags
         if unhealthy is None or fix is None or ekf is None:
+            self._since.clear()
             return None
         located = fix >= FIX_3D and ekf & (EKF_NEEDED | EKF_BAD) == EKF_NEEDED
         self._located = self._located or located

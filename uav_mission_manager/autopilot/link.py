@@ -1,4 +1,4 @@
-"""A MAVLink 2 connection to one autopilot, driven by `poll(now)` and never blocking."""
+"""A MAVLink 2 connection to one autopilot, driven by `poll` and `repeat`, never blocking."""
 
 from __future__ import annotations
 
@@ -109,10 +109,7 @@ class Link:
         self._beat_at = -math.inf
 
     def poll(self, now: float) -> list[Any]:
-        """Do all that is due and return the autopilot's new messages.
-
-        Heartbeat, reading, ACK time-outs and stream requests are done here; call it often.
-        """
+        """Send the own heartbeat and return the autopilot's new messages; call it often."""
         if now - self._beat_at >= HEARTBEAT_INTERVAL:
             self._beat_at = now
             self._send(mavlink.MAVLink_heartbeat_message(
@@ -120,10 +117,16 @@ class Link:
                 mavlink.MAV_STATE_ACTIVE, 3))
         messages = [message for message in self._read() if self._accept(message, now)]
         self._watch(now)
+        return messages
+
+    def repeat(self, now: float) -> None:
+        """Repeat unanswered commands and ask for missing streams, often too.
+
+        Call it when the messages have been judged: they may be a reason to `cancel`.
+        """
         if self.up:
             self._repeat_commands(now)
             self._ask_streams(now)
-        return messages
 
     def send(self, command: Command, now: float) -> None:
         """Send a command, repeated until its ACK; it replaces an unanswered one of its number."""

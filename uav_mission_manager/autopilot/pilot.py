@@ -1,8 +1,9 @@
 """The pilot on board: flies one mission command at a time, as long as nobody else is in command.
 
 In command are, in this order, the human pilot, the autopilot's failsafes, and the manager. A mode
-that was not ordered here is someone else's, and ends the commanding until `resume`; a vehicle
-flown by hand from the start is taken over when it is put into GUIDED.
+that was not ordered here is someone else's, as are motors stopped in GUIDED or in the air, and
+ends the commanding until `resume`; a vehicle flown by hand from the start is taken over when it
+is put into GUIDED.
 The pilot is pure: `update` takes a telemetry snapshot and the time, and returns what to ask of
 the vehicle. A request is repeated until telemetry shows that it was done.
 """
@@ -10,9 +11,9 @@ the vehicle. A request is repeated until telemetry shows that it was done.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from enum import Enum
+from dataclasses import replace
 
+from uav_mission_manager.autopilot.task import Phase, Settings, Step, Task
 from uav_mission_manager.autopilot.telemetry import Position, Telemetry
 from uav_mission_manager.autopilot.vehicle import (
     Arm,
@@ -28,75 +29,9 @@ REPEAT, REPEAT_FLY = 2.0, 5.0
 EFFECT_TIME = 5.0  # a request may still take effect so long after it was last made
 COMPLETED_REPEAT = 10.0
 MIN_HOLD_HEIGHT = 3.0
+AIRBORNE_HEIGHT, SINKING = 5.0, 0.5
 AT_ALTITUDE = 0.9  # share of the flight altitude
-
-
-class Phase(Enum):
-    """What the pilot is doing."""
-
-    NO_LINK = 'no link'
-    GROUND = 'on the ground'
-    ARMING = 'arming'
-    TAKE_OFF = 'take-off'
-    EN_ROUTE = 'en route'
-    ON_SITE = 'on site'
-    LANDING = 'landing'
-    HOLDING = 'holding'
-    RETURNING = 'returning to launch'
-    WAITING = 'waiting'
-    PILOT = 'pilot in command'
-
-
-@dataclass(frozen=True)
-class Task:
-    """A mission command with its destination [deg].
-
-    Attributes
-    ----------
-    text : str
-        The command as received.
-    goal : str
-        Goal to complete there, '' for none.
-    land : bool
-        Land there and stay; otherwise hover, and take off only for a goal.
-    service : bool
-        Standing there repairs the vehicle.
-    """
-
-    text: str
-    latitude: float
-    longitude: float
-    agile: bool = False
-    goal: str = ''
-    land: bool = False
-    service: bool = False
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How to fly: [m], [m/s], [s]."""
-
-    flight_altitude: float = 20.0
-    cruise_speed: float = 5.0
-    agile_speed: float = 10.0
-    acceptance_radius: float = 3.0
-    landed_radius: float = 25.0
-    goal_dwell: float = 2.0
-    manager_timeout: float = 3.0
-    rtl_delay: float = 10.0
-    service_time: float = 5.0
-    allow_arming: bool = False
-
-
-@dataclass(frozen=True)
-class Step:
-    """Outcome of one update: phase, why in one line, requests, goal completed, repair done."""
-
-    phase: Phase
-    status: str
-    requests: tuple[Request, ...] = ()
-    completed: str = ''
-    serviced: bool = False
+NO_HOLD = 'no position to hold; what happens is up to the autopilot and its failsafes'
 
 
 class Pilot:
@@ -105,7 +40,7 @@ class Pilot:
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
         self._task: Task | None = None
-        self._heard = -math.inf
+        self._heard = self._awaited = -math.inf  # the manager's last command; awaited anew since
         self._held = False
         self._returning = False
         self._taken = ''
@@ -134,14 +69,16 @@ class Pilot:
         self._held, self._returning, self._hold_point = True, False, None
 
     def resume(self, now: float) -> None:
-        """Take command again, whatever the mode is; a silent manager is waited for anew."""
+        """Take command again, whatever the mode is; a silent manager is awaited anew."""
         self._held, self._returning, self._taken, self._adopt = False, False, '', True
-        self._heard = max(self._heard, now)
+        self._await_manager(now)
 
     def update(self, telemetry: Telemetry | None, now: float) -> Step:
         """Return what to do now; `telemetry` is None while the link is lost."""
         if telemetry is None:
-            self._arrived = None
+            # What is not seen is not taken over; the manager sees as little and may be silent.
+            self._arrived, self._adopt = None, False
+            self._await_manager(now)
             if not self._seen[1]:  # on the ground it may reboot, at a change of battery say
                 self._mode = self._ordered = None
             return Step(Phase.NO_LINK, 'no heartbeat of the autopilot')
@@ -156,25 +93,25 @@ class Pilot:
             return self._return(telemetry, now)
         if self._held:
             return self._hold(telemetry, 'until ~/resume', now)
-        if self._task is None:
-            return Step(Phase.WAITING, 'no mission command yet')
-        silence = now - self._heard
-        if silence > self._settings.manager_timeout:
-            return self._without_manager(telemetry, silence, now)
-        self._hold_point = None
+        if self._task is None or now - self._heard > self._settings.manager_timeout:
+            return self._without_manager(telemetry, now)
         return self._fly(self._task, telemetry, now)
 
     # Who is in command
 
     def _watch(self, telemetry: Telemetry, now: float) -> None:
         """Follow mode and arming, and yield to whoever else changed them."""
+        if telemetry.armed and not self._seen[1]:
+            self._armed_here = now - self._arm_asked < EFFECT_TIME
+            if not self._armed_here:  # by hand: not ours until it is put into GUIDED
+                self._mode = self._ordered = None
         found_guided = self._mode is None and telemetry.armed and telemetry.mode == Mode.GUIDED
         if self._adopt or found_guided or telemetry.mode == self._ordered:
             self._mode, self._ordered, self._adopt = telemetry.mode, None, False
+        if found_guided:
+            self._await_manager(now)
         if now - self._ordered_at > EFFECT_TIME:
             self._ordered = None
-        if telemetry.armed and not self._seen[1]:
-            self._armed_here = now - self._arm_asked < EFFECT_TIME
         if not self._taken:
             self._taken = self._someone_else(telemetry)
         self._armed_here = self._armed_here and telemetry.armed
@@ -190,9 +127,15 @@ class Pilot:
             return f'the autopilot is in a failsafe ({mode})'
         if self._mode is not None and telemetry.mode not in (self._mode, self._ordered):
             return f'{mode} was not ordered from here'
-        if self._armed_here and not telemetry.armed and telemetry.mode == Mode.GUIDED:
-            return 'disarmed, but not from here'
+        if self._seen[1] and not telemetry.armed:
+            if telemetry.mode == Mode.GUIDED:
+                return 'disarmed, but not from here'
+            return _fallen(telemetry)
         return ''
+
+    def _await_manager(self, now: float) -> None:
+        """Count silence from now on, and hold here until the manager is heard."""
+        self._awaited, self._hold_point = now, None
 
     # On the ground, disarmed
 
@@ -207,10 +150,19 @@ class Pilot:
             return Step(Phase.GROUND, 'the manager is silent')
         if position is None:
             return Step(Phase.GROUND, f'{task.text}: no position yet')
+        if far := self._too_far(task, position):
+            return Step(Phase.HOLDING, far)
         if self._may_stay(task, position):
             return Step(Phase.GROUND, task.text, serviced=self._service(task, now))
         self._arrived = None
         return self._arm(task, telemetry, now)
+
+    def _too_far(self, task: Task, position: Position) -> str:
+        """Say so where the destination cannot be part of a mission flown here, '' where it can."""
+        distance = position.distance_to(task.latitude, task.longitude)
+        if distance <= self._settings.reach:
+            return ''
+        return f'{task.text}: {distance / 1000.0:.1f} km away; is it the right mission file?'
 
     def _may_stay(self, task: Task, position: Position) -> bool:
         """Whether a vehicle on the ground fulfils the task by staying there."""
@@ -248,6 +200,9 @@ class Pilot:
         settings, position = self._settings, telemetry.fix(now)
         if position is None:
             return Step(Phase.WAITING, f'{task.text}: no position')
+        if far := self._too_far(task, position):
+            return self._hold(telemetry, far, now)
+        self._hold_point = None
         distance = position.distance_to(task.latitude, task.longitude)
         if task.land and telemetry.mode == Mode.LAND and distance <= settings.landed_radius:
             return Step(Phase.LANDING, task.text)
@@ -299,11 +254,13 @@ class Pilot:
         self._completed_at = now
         return task.goal
 
-    def _without_manager(self, telemetry: Telemetry, silence: float, now: float) -> Step:
+    def _without_manager(self, telemetry: Telemetry, now: float) -> Step:
         """Hold, then return to launch; a landing under way is safe and goes on."""
         if telemetry.mode == Mode.LAND:
             return Step(Phase.LANDING, 'the manager is silent')
-        if silence > self._settings.manager_timeout + self._settings.rtl_delay:
+        silence = now - max(self._heard, self._awaited)
+        patience = self._settings.manager_timeout + self._settings.rtl_delay
+        if silence > patience and not telemetry.on_ground:
             self._returning = True
             return self._return(telemetry, now)
         return self._hold(telemetry, 'the manager is silent', now)
@@ -315,15 +272,16 @@ class Pilot:
         return self._order(Mode.RTL, Phase.RETURNING, why, telemetry, now)
 
     def _hold(self, telemetry: Telemetry, why: str, now: float) -> Step:
-        """Stay where the hold began, in GUIDED."""
+        """Stay where the hold began, in GUIDED, which needs a position."""
         self._arrived, self._climbing = None, False
         if telemetry.on_ground:
             return self._stop_motors(Phase.HOLDING, why, telemetry, now)
-        self._hold_point = point = self._hold_point or telemetry.fix(now)
+        position = telemetry.fix(now)
+        if position is None:
+            return Step(Phase.HOLDING, f'{why}; {NO_HOLD}')
+        self._hold_point = point = self._hold_point or position
         if telemetry.mode != Mode.GUIDED:
             return self._order(Mode.GUIDED, Phase.HOLDING, why, telemetry, now)
-        if point is None:
-            return Step(Phase.HOLDING, f'{why}; no position')
         height = max(point.height, MIN_HOLD_HEIGHT)
         fly = Fly(point.latitude, point.longitude, height, self._settings.cruise_speed)
         return self._ask(fly, Phase.HOLDING, why, now)
@@ -341,3 +299,12 @@ class Pilot:
             return Step(phase, why)
         self._sent[type(request)] = (request, now)
         return Step(phase, why, (request,))
+
+
+def _fallen(telemetry: Telemetry) -> str:
+    """Say so if its motors were stopped in the air: a landing ends at rest, be it on a hill."""
+    position = telemetry.position
+    if position is None or position.height < AIRBORNE_HEIGHT:
+        return ''
+    landing = telemetry.mode in (Mode.LAND, Mode.RTL) and position.velocity[2] > -SINKING
+    return '' if landing else f'disarmed {position.height:.0f} m above home'

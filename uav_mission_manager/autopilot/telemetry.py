@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -13,8 +13,8 @@ EARTH_RADIUS = 6371000.0
 POSITION_TIMEOUT = 2.0
 MAX_VOLTAGE = 62.0  # 14 cells full; a reading of 0 V wraps to 64.9 V
 ON_GROUND_HEIGHT = 0.5
-MOTORS = {
-    mavlink.MAV_TYPE_TRICOPTER: 3,
+STALE = 5.0
+MOTORS = {  # where they are the first outputs
     mavlink.MAV_TYPE_QUADROTOR: 4,
     mavlink.MAV_TYPE_HEXAROTOR: 6,
     mavlink.MAV_TYPE_OCTOROTOR: 8,
@@ -58,7 +58,6 @@ class Position:
 class Battery:
     """SYS_STATUS: charge 0 to 1, [V], [A] (discharge positive); NaN unknown."""
 
-    time: float
     charge: float
     voltage: float
     current: float
@@ -72,7 +71,8 @@ class Telemetry:
     Attributes
     ----------
     mode, armed, failsafe, motor_count
-        HEARTBEAT: ArduCopter's mode number, armed, in a failsafe, motors of this frame.
+        HEARTBEAT: ArduCopter's mode number, armed, in a failsafe; motors of this frame,
+        0 where their outputs are not known.
     unhealthy : int
         MAV_SYS_STATUS_SENSOR bits that are present, enabled and not healthy.
     ready : bool
@@ -81,6 +81,8 @@ class Telemetry:
         EXTENDED_SYS_STATE says on the ground.
     motors : tuple of int
         PWM [us] of each motor, received at `motors_time` [s].
+    received : mapping of str to float
+        When each message was received last [s].
     """
 
     mode: int | None = None
@@ -96,6 +98,7 @@ class Telemetry:
     landed: bool | None = None
     motors: tuple[int, ...] = ()
     motors_time: float = -math.inf
+    received: Mapping[str, float] = field(default_factory=dict)
 
     def fix(self, now: float) -> Position | None:
         """Position that may be flown by: recent, and absolute in the EKF's own view."""
@@ -118,8 +121,20 @@ class Telemetry:
 
 def update(telemetry: Telemetry, message: Any, now: float) -> Telemetry:
     """Return `telemetry` with what one message of the autopilot says."""
-    decode = _DECODERS.get(message.get_type())
-    return replace(telemetry, **decode(message, now)) if decode else telemetry
+    kind = message.get_type()
+    decode = _DECODERS.get(kind)
+    if decode is None:
+        return telemetry
+    received = {**telemetry.received, kind: now}
+    return replace(telemetry, **decode(message, now), received=received)
+
+
+def forget(telemetry: Telemetry, now: float) -> Telemetry:
+    """Return `telemetry` without what was not said again for 5 s."""
+    old: dict[str, Any] = {
+        name: None for kind, names in _STATES.items() for name in names
+        if now - telemetry.received.get(kind, now) > STALE}
+    return replace(telemetry, **old) if old else telemetry
 
 
 def _heartbeat(message: Any, now: float) -> dict[str, Any]:
@@ -127,7 +142,7 @@ def _heartbeat(message: Any, now: float) -> dict[str, Any]:
         'armed': bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED),
         'mode': message.custom_mode,
         'failsafe': message.system_status >= mavlink.MAV_STATE_CRITICAL,
-        'motor_count': MOTORS.get(message.type, 4),
+        'motor_count': MOTORS.get(message.type, 0),
     }
 
 
@@ -139,7 +154,6 @@ def _sys_status(message: Any, now: float) -> dict[str, Any]:
     charge, current = message.battery_remaining, message.current_battery
     voltage = message.voltage_battery / 1000.0
     battery = Battery(
-        now,
         charge / 100.0 if 0 <= charge <= 100 else math.nan,
         voltage if 0.0 < voltage <= MAX_VOLTAGE else math.nan,
         current / 100.0 if current >= 0 else math.nan,
@@ -170,6 +184,14 @@ def _extended_sys_state(message: Any, now: float) -> dict[str, Any]:
         return {'landed': None}
     return {'landed': message.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND}
 
+
+_STATES = {
+    'SYS_STATUS': ('unhealthy', 'ready', 'battery'),
+    'GPS_RAW_INT': ('fix_type',),
+    'EKF_STATUS_REPORT': ('ekf_flags',),
+    'EXTENDED_SYS_STATE': ('landed',),
+}
+"""Values that stay true until the next message, by message."""
 
 _DECODERS: dict[str, Callable[[Any, float], dict[str, Any]]] = {
     'HEARTBEAT': _heartbeat,

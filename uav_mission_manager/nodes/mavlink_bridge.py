@@ -16,14 +16,21 @@ from std_srvs.srv import Trigger
 
 from uav_mission_manager.autopilot.faults import FIX_3D, Fault, FaultEstimator
 from uav_mission_manager.autopilot.link import Link
-from uav_mission_manager.autopilot.pilot import Phase, Pilot, Settings, Step, Task
-from uav_mission_manager.autopilot.telemetry import Battery, Position, Telemetry, update
+from uav_mission_manager.autopilot.pilot import NO_HOLD, Pilot
+from uav_mission_manager.autopilot.task import Phase, Settings, Step, Task
+from uav_mission_manager.autopilot.telemetry import (
+    Battery,
+    Position,
+    Telemetry,
+    forget,
+    update,
+)
 from uav_mission_manager.autopilot.vehicle import commands, mode_name
 from uav_mission_manager.mdp import FAULT_MODES, Action, Mission, Origin, load_mission
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.parameters import Parameter, declare
 from uav_mission_manager.nodes.reporting import status
-from uav_mission_manager.nodes.runtime import run
+from uav_mission_manager.nodes.runtime import run, safety_clock
 from uav_mission_manager.onboard import parse_command
 from uav_mission_manager.paths import share_directory
 
@@ -58,30 +65,32 @@ PARAMETERS = (
 class MavlinkBridge(Node):
     """Publishes what the vehicle says and flies what the manager commands.
 
-    Where to fly follows from the command and the mission file alone; `command_pose` moves the
-    point within the destination's cell, and one for another cell (old, early or lost) is ignored.
+    Where to fly follows from the command and the mission file alone. The manager says where that
+    is in `command_pose`: if it means another cell its mission is another, and is not flown.
     """
 
     def __init__(self) -> None:
         super().__init__('mavlink_bridge')
         p = declare(self, PARAMETERS)
         path = p.mission or share_directory() / 'config' / 'case_study.yaml'
+        self._safety_clock = safety_clock(self)
         self._mission = load_mission(path)
         self._origin = _origin(self._mission, path)
-        radius = max(p.acceptance_radius, self._mission.grid.cell_size / 2.0)
         self._command_timeout = p.manager_timeout
+        grid = self._mission.grid
         self._pilot = Pilot(Settings(
-            landed_radius=radius,
-            **{name: getattr(p, name) for name in vars(FLIGHT) if name != 'landed_radius'}))
+            landed_radius=max(p.acceptance_radius, grid.cell_size / 2.0),
+            reach=2.0 * math.hypot(grid.rows, grid.cols) * grid.cell_size,
+            **{name: value for name, value in vars(p).items() if hasattr(FLIGHT, name)}))
         self._faults = FaultEstimator(p.effectiveness_threshold)
         self._link = Link(
             p.connection, source_system=p.source_system, source_component=p.source_component,
             target_system=p.target_system, timeout=p.link_timeout)
         self._telemetry = Telemetry()
         self._step = Step(Phase.NO_LINK, 'no heartbeat of the autopilot yet')
-        self._pose: tuple[float, float] | None = None
-        self._command = self._refused_text = ''
-        self._commanded_at = -math.inf
+        self._pose_cell: int | None = None
+        self._command = self._received = self._complaint = ''
+        self._posed_at = self._commanded_at = -math.inf
         self._fault: Fault | None = None
         self._fault_at = -math.inf
         self._refused: dict[str, str] = {}
@@ -98,16 +107,17 @@ class MavlinkBridge(Node):
         self._fault_mode = publisher(String, 'fault_mode', qos.STATE_IN)
         self._goal_completed = publisher(String, 'goal_completed', qos.EVENT)
         self._diagnostics = publisher(DiagnosticArray, '/diagnostics', qos.RELIABLE)
-        self.create_subscription(
-            String, 'mission_command', self._on_command, qos.LATCHED,
-            qos_overriding_options=qos.OVERRIDABLE)
-        self.create_subscription(
-            PoseStamped, 'command_pose', self._on_pose, qos.LATCHED,
-            qos_overriding_options=qos.OVERRIDABLE)
+        # The manager's pose comes before its command, and of two that are here the first
+        # subscription is served first.
+        for kind, topic, callback in (
+                (PoseStamped, 'command_pose', self._on_pose),
+                (String, 'mission_command', self._on_command)):
+            self.create_subscription(
+                kind, topic, callback, qos.LATCHED, qos_overriding_options=qos.OVERRIDABLE)
         self.create_service(Trigger, '~/hold', self._on_hold)
         self.create_service(Trigger, '~/resume', self._on_resume)
-        self.create_timer(POLL_PERIOD, self._poll)
-        self.create_timer(1.0, self._diagnose)
+        self.create_timer(POLL_PERIOD, self._poll, clock=self._safety_clock)
+        self.create_timer(1.0, self._diagnose, clock=self._safety_clock)
 
     def destroy_node(self) -> None:
         """Close the link too."""
@@ -115,7 +125,7 @@ class MavlinkBridge(Node):
         super().destroy_node()
 
     def _now(self) -> float:
-        return self.get_clock().now().nanoseconds * 1e-9
+        return self._safety_clock.now().nanoseconds * 1e-9
 
     # In: manager and operator
 
@@ -124,39 +134,58 @@ class MavlinkBridge(Node):
         if age > self._command_timeout:  # Latched by a manager that has fallen silent since.
             self._log(True, f'mission_command {message.data!r} ignored: {age:.1f} s old')
             return
+        repeated, self._received = message.data == self._received, message.data
         try:
             action = parse_command(self._mission, message.data)
         except ValueError as error:
-            if message.data != self._refused_text:
-                self.get_logger().error(f'{error}; keeping {self._command or "no command"!r}')
-            self._refused_text = message.data
+            self._refuse(f'{error}; keeping {self._command or "no command"!r}')
             return
-        self._refused_text, self._command, self._commanded_at = '', message.data, self._now()
-        self._pilot.command(self._task(action), self._commanded_at)
+        now = self._now()
+        posed = now - self._posed_at <= self._command_timeout
+        if self._pose_cell == action.destination if posed else repeated:
+            self._complaint, self._command, self._commanded_at = '', message.data, now
+            self._pilot.command(self._task(action), now)
+        elif repeated:  # Else the pose may still be on its way.
+            self._refuse('command_pose is not the destination of mission_command in '
+                         f'{self._mission.name}: the manager has another mission; not flown')
 
     def _on_pose(self, message: PoseStamped) -> None:
-        point = message.pose.position.x, message.pose.position.y
-        usable = message.header.frame_id == 'map' and self._mission.grid.contains(*point)
-        self._pose = point if usable else None
+        if message.header.frame_id == 'map':
+            grid, point = self._mission.grid, message.pose.position
+            inside = grid.contains(point.x, point.y)
+            self._pose_cell = grid.cell_at(point.x, point.y) if inside else None
+            self._posed_at = self._now()
+
+    def _refuse(self, complaint: str) -> None:
+        if complaint != self._complaint:
+            self.get_logger().error(complaint)
+        self._complaint = complaint
 
     def _task(self, action: Action) -> Task:
-        grid = self._mission.grid
-        point = grid.position(action.destination)
-        if self._pose and grid.cell_at(*self._pose) == action.destination:
-            point = self._pose
+        point = self._mission.grid.position(action.destination)
         return Task(
             self._command, *self._origin.to_geodetic(*point), agile=action.agile,
             goal=self._mission.goals[action.goal - 1].name if action.goal else '',
             land=not action.goal and not action.agile, service=action.kind == 'repair')
 
     def _on_hold(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = self._step.phase is not Phase.PILOT
-        response.message = 'holds until ~/resume' if response.success else self._step.status
-        if response.success:
-            self._pilot.hold()
+        if self._step.phase is Phase.PILOT:
+            response.message = self._step.status
+            return response
+        self._pilot.hold()
+        flying = self._telemetry.armed and not self._telemetry.on_ground
+        if not self._link.up:
+            response.message = f'{self._step.status}; holds when it is back'
+        elif flying and self._telemetry.fix(self._now()) is None:
+            response.message = NO_HOLD
+        else:
+            response.success, response.message = True, 'holds until ~/resume'
         return response
 
     def _on_resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._step.phase is Phase.NO_LINK:
+            response.message = self._step.status
+            return response
         self._pilot.resume(self._now())
         response.success, response.message = True, 'the manager is in command'
         return response
@@ -169,16 +198,18 @@ class MavlinkBridge(Node):
             self._telemetry = update(self._telemetry, message, now)
             if message.get_type() == 'STATUSTEXT':
                 self._log(message.severity <= STATUSTEXT_WARNING, f'autopilot: {message.text}')
+        self._telemetry = forget(self._telemetry, now)
         if not self._link.up:
             self._telemetry, self._fault = Telemetry(), None
             self._faults.link_lost()
         self._fly(now)
+        self._link.repeat(now)
         if self._link.up:
             self._publish(last, now)
 
     def _fly(self, now: float) -> None:
         step = self._pilot.update(self._telemetry if self._link.up else None, now)
-        if step.phase is Phase.PILOT:
+        if step.phase is not self._step.phase:  # What was asked for is over.
             self._link.cancel()
         for request in step.requests:
             for command in commands(request):
@@ -231,6 +262,7 @@ class MavlinkBridge(Node):
             'link': 'up' if self._link.up else 'lost', 'link_error': self._link.error,
             'system': self._link.target_system, 'mode': mode_name(telemetry.mode),
             'armed': telemetry.armed, 'phase': phase.value, 'command': self._command,
+            'command_refused': self._complaint,
             'command_age': f'{age:.1f}' if self._command else '',
             'fault_mode': '' if self._fault is None else FAULT_MODES[self._fault],
             'motor_effectiveness': ' '.join(f'{e:.2f}' for e in self._faults.effectiveness),
@@ -295,7 +327,7 @@ def nav_sat_fix(position: Position, has_fix: bool, stamp: Any) -> NavSatFix:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run(MavlinkBridge, args)
+    return run(MavlinkBridge, PARAMETERS, args)
 
 
 if __name__ == '__main__':

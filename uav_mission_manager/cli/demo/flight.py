@@ -15,7 +15,7 @@ from sensor_msgs.msg import BatteryState
 from std_msgs.msg import String
 
 from uav_mission_manager.autopilot.link import mavlink, mavutil
-from uav_mission_manager.autopilot.pilot import Phase
+from uav_mission_manager.autopilot.task import Phase
 from uav_mission_manager.cli.demo.stack import NAMESPACE
 from uav_mission_manager.cli.demo.view import View
 from uav_mission_manager.mdp import Mission
