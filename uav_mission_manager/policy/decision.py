@@ -15,7 +15,6 @@ from uav_mission_manager.mdp import (
     action_name,
     global_actions,
 )
-from uav_mission_manager.solver import choose
 
 
 @dataclass(frozen=True)
@@ -31,7 +30,7 @@ class Decision:
     values : tuple of float
         Q of each of the 2k+4 actions; inf where not allowed.
     margin : float
-        Q of the runner-up less Q of the choice; inf without a runner-up.
+        Q of the runner-up less Q of the choice; inf without a runner-up, not below 0.
     lower_bound : float
         Guaranteed lower bound on the optimal cost V*(s).
     reason : str
@@ -48,16 +47,19 @@ class Decision:
 
 
 def decide(
-    mission: Mission, state: list[int], values: NDArray[np.float64], lower_bound: float
+    mission: Mission,
+    state: list[int],
+    number: int,
+    values: NDArray[np.float64],
+    lower_bound: float,
 ) -> Decision:
-    """Choose by the Q values (2k+4,) of a state and say why."""
+    """Say why an action is chosen, by the Q values (2k+4,) of the state."""
     actions = global_actions(mission)
-    number = int(choose(values[None])[0])
     rest = values.copy()
     rest[number - 1] = np.inf
     second = int(rest.argmin())
     runner_up = actions[second] if np.isfinite(rest[second]) else None
-    margin = float(rest[second] - values[number - 1])
+    margin = max(float(rest[second] - values[number - 1]), 0.0)
     reason = _motive(mission, state, actions[number - 1])
     reason += f'; expected cost {values[number - 1]:.4g}'
     if runner_up is not None:

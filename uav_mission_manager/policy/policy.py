@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uav_mission_manager.mdp import Mission, StateSpace
+from uav_mission_manager.policy.checkpoint import Checkpoint
 from uav_mission_manager.policy.decision import Decision, decide
 from uav_mission_manager.policy.store import (
     PolicyError,
@@ -79,12 +80,12 @@ class Policy:
         self.solutions = tuple(solutions)
         self.space = StateSpace(mission.k, mission.grid.q)
         self._operators = [BellmanOperator(solution.sub) for solution in self.solutions]
-        self._whole = BellmanOperator(whole_mission(mission))
+        self._whole = whole_mission(mission)
 
     @cached_property
-    def _tables(self) -> list[LookAhead]:
+    def _look_aheads(self) -> list[LookAhead]:
         return [
-            operator.look_ahead(solution.value)
+            LookAhead(operator, solution.value)
             for operator, solution in zip(self._operators, self.solutions)
         ]
 
@@ -115,14 +116,18 @@ class Policy:
             If the states have another shape or a value out of range.
         """
         rows = self.space.check(states)
-        tables = [table.q_values(rows) for table in self._tables]
+        tables = [look_ahead.q_values(rows) for look_ahead in self._look_aheads]
         subs = [solution.sub for solution in self.solutions]
         q = METHODS[self.method].recombine(subs, rows, tables)
         return np.where(self._whole.allowed_in(rows), q, np.inf)
 
     def act(self, states: ArrayLike) -> NDArray[np.int64]:
         """Action numbers from 1 for states (N, 2k+5), shape (N,). Raises `StateError`."""
-        return choose(self.q_values(states))
+        actions = self.solutions[0].actions
+        if actions is None:
+            return choose(self.q_values(states))
+        rows = self.space.check(states)
+        return actions[self._operators[0].locate(rows)].astype(np.int64)
 
     def lower_bound(self, states: ArrayLike) -> FloatArray:
         """Guaranteed lower bound on V*, shape (N,); 0 where the method gives none."""
@@ -149,9 +154,10 @@ class Policy:
     def decide(self, state: Sequence[int]) -> Decision:
         """Decide in one state, [f r.. g.. l c t m]. Raises `StateError`."""
         row = self.space.check(state)
-        return decide(
-            self.mission, row[0].tolist(), self.q_values(row)[0], float(self.lower_bound(row)[0])
-        )
+        values, bound = self.q_values(row)[0], float(self.lower_bound(row)[0])
+        stored = self.solutions[0].actions is not None
+        number = int((self.act(row) if stored else choose(values[None]))[0])
+        return decide(self.mission, row[0].tolist(), number, values, bound)
 
     def save(self, directory: str | Path) -> None:
         """Write a policy set (see `uav_mission_manager.policy.store`). Raises `PolicyError`."""
@@ -164,6 +170,10 @@ def build_policy(
     method: str = 'exact',
     tolerance: float = 1e-7,
     on_sweep: Callable[[int, int, float], None] | None = None,
+    *,
+    precision: str = 'mixed',
+    threads: int | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> Policy:
     """Solve a mission.
 
@@ -175,11 +185,17 @@ def build_policy(
         Largest distance of each sub-MDP's V from its optimum, in cost.
     on_sweep : callable, optional
         Called with the sub-MDP's position, the sweep and the distance bound reached.
+    precision, threads
+        See `uav_mission_manager.solver.value_iteration`.
+    checkpoint : Checkpoint, optional
+        Where to go on from and to leave word from time to time.
 
     Raises
     ------
     ValueError
-        If there is no such method.
+        If there is no such method or precision.
+    MissionSizeError
+        If the memory does not suffice.
     """
     if method not in METHODS:
         raise ValueError(f'method {method!r} is none of {", ".join(METHODS)}')
@@ -190,7 +206,18 @@ def build_policy(
             if on_sweep is not None:
                 on_sweep(position, sweep, bound)
 
-        solutions.append(value_iteration(sub, tolerance, on_sweep=report))
+        solutions.append(
+            value_iteration(
+                sub,
+                tolerance,
+                on_sweep=report,
+                precision=precision,
+                threads=threads,
+                start=checkpoint.load(position) if checkpoint else None,
+                on_values=partial(checkpoint.save, position) if checkpoint else None,
+                with_actions=method == 'exact' and not LookAhead.tabulates(sub),
+            )
+        )
     return Policy(mission, method, solutions)
 
 

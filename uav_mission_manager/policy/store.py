@@ -19,11 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uav_mission_manager.mdp import Mission, MissionError, mission_from_dict
-from uav_mission_manager.solver import BellmanOperator, Solution, SubMdp, Value
+from uav_mission_manager.solver import BellmanOperator, Solution, SubMdp
 
-SCHEMA = 1
+SCHEMA = 2
 MANIFEST = 'manifest.json'
-ARRAYS = ('free', 'on_site')
+ARRAYS = {'value': ('float64', 'float32'), 'actions': ('uint8',)}
+CHUNK = 1 << 20
 QUALITY = ('lower', 'upper', 'residual', 'iterations', 'converged')
 
 
@@ -129,12 +130,11 @@ def _text(manifest: dict[str, Any]) -> str:
 def _write_part(directory: Path, position: int, solution: Solution) -> dict[str, Any]:
     arrays = {}
     for name in ARRAYS:
-        file = directory / f'{position}_{name}.npy'
-        np.save(file, getattr(solution.value, name), allow_pickle=False)
-        arrays[name] = {
-            'file': file.name,
-            'sha256': hashlib.sha256(file.read_bytes()).hexdigest(),
-        }
+        array = getattr(solution, name)
+        if array is not None:
+            file = directory / f'{position}_{name}.npy'
+            np.save(file, array, allow_pickle=False)
+            arrays[name] = {'file': file.name, 'sha256': _sha256(file)}
     sub = solution.sub
     return {
         'goals': [sub.mission.goals[j].name for j in sub.goals],
@@ -143,6 +143,14 @@ def _write_part(directory: Path, position: int, solution: Solution) -> dict[str,
         **{name: getattr(solution, name) for name in QUALITY},
         'arrays': arrays,
     }
+
+
+def _sha256(file: Path) -> str:
+    digest = hashlib.sha256()
+    with file.open('rb') as stream:
+        while chunk := stream.read(CHUNK):
+            digest.update(chunk)
+    return digest.hexdigest()
 
 
 def _read_manifest(place: Path) -> dict[str, Any]:
@@ -165,28 +173,25 @@ def _read_part(directory: Path, mission: Mission, part: dict[str, Any]) -> Solut
     positions = {goal.name: position for position, goal in enumerate(mission.goals)}
     goals = tuple(positions[name] for name in part['goals'])
     sub = SubMdp(mission, goals, tuple(part['actions']), part['share'])
-    expected = BellmanOperator(sub).zero()
+    shape = BellmanOperator(sub).shape
     arrays = {
-        name: _read_array(directory, part['arrays'][name], getattr(expected, name).shape)
-        for name in ARRAYS
+        name: _read_array(directory, part['arrays'][name], shape, types)
+        for name, types in ARRAYS.items()
+        if name != 'actions' or name in part['arrays']
     }
-    return Solution(
-        sub=sub,
-        value=Value(**arrays),
-        **{name: part[name] for name in QUALITY},
-    )
+    return Solution(sub=sub, **arrays, **{name: part[name] for name in QUALITY})
 
 
 def _read_array(
-    directory: Path, entry: dict[str, str], shape: tuple[int, ...]
-) -> NDArray[np.float64]:
+    directory: Path, entry: dict[str, str], shape: tuple[int, ...], types: tuple[str, ...]
+) -> NDArray[Any]:
     file = directory / entry['file']
     try:
-        if hashlib.sha256(file.read_bytes()).hexdigest() != entry['sha256']:
+        if _sha256(file) != entry['sha256']:
             raise PolicyError(f'{file}: sha256: does not match the manifest; the file was altered')
         array = np.load(file, mmap_mode='r', allow_pickle=False)
     except OSError as error:
         raise PolicyError(f'{file}: cannot be read: {error}') from error
-    if array.shape != shape or array.dtype != np.float64:
-        raise PolicyError(f'{file}: {array.dtype} {array.shape} is not float64 {shape}')
+    if array.shape != shape or array.dtype not in types:
+        raise PolicyError(f'{file}: {array.dtype} {array.shape} is not {types[0]} {shape}')
     return np.asarray(array)

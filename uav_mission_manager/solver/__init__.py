@@ -1,6 +1,8 @@
 """Solving the mission: sub-MDPs, Bellman backup, value iteration, recombination."""
 
-from uav_mission_manager.solver.bellman import BellmanOperator, LookAhead, Value
+from uav_mission_manager.solver.bellman import BellmanOperator
+from uav_mission_manager.solver.look_ahead import LookAhead
+from uav_mission_manager.solver.memory import MissionSizeError
 from uav_mission_manager.solver.recombination import best_value, choose, highest_priority, summed
 from uav_mission_manager.solver.submdp import (
     SubMdp,
@@ -8,14 +10,17 @@ from uav_mission_manager.solver.submdp import (
     split_sub_mdps,
     whole_mission,
 )
-from uav_mission_manager.solver.value_iteration import Solution, value_iteration
+from uav_mission_manager.solver.sweep import Sweeper
+from uav_mission_manager.solver.value_iteration import PRECISIONS, Solution, value_iteration
 
 __all__ = [
+    'PRECISIONS',
     'BellmanOperator',
     'LookAhead',
+    'MissionSizeError',
     'Solution',
     'SubMdp',
-    'Value',
+    'Sweeper',
     'best_value',
     'choose',
     'goal_sub_mdps',

@@ -1,4 +1,4 @@
-"""The Bellman backup on the mission's Kronecker structure.
+"""The Bellman equation on the mission's Kronecker structure.
 
 The stage cost splits into a part that the state's c and m decide and a part they do not:
 
@@ -7,23 +7,27 @@ The stage cost splits into a part that the state's c and m decide and a part the
 with b the paper's cost of all goals as if uncommitted. c and m touch the future only where c = j
 on the cell of goal j, where the goal may be completed. Hence, exactly,
 
-    V(s) = p(t, m) - [c > 0] eta_c g_c r_c + W,
-    W = C_c(t, f, r, g) where c > 0 and l is the cell of goal c, else U(l, t, f, r, g),
+    V(s) = p(t, m) - [c > 0] eta_c g_c r_c + W(x, t, g, f, r),
 
-and U and C_1..C_n are all there is to compute. Given a, the variables move independently, so
-the expectation of V(s') is one small matrix a variable, applied along its axis; a transition
-matrix over states never exists. Only correctly rounded elementwise operations in a fixed order
-are used, so that every machine computes the same bits.
+with x the *place*: the cell l, or the site of goal j, which is its cell while committed to it. W
+over the q + n places is all there is to compute:
+
+    W(x) = b + min_a h(a, x) - bonus(a, x) + discount E[W(x') + p(t', m')]
+
+An action leads to one *arrival*: a place x' in a mode, or one of three on the ground. On a site
+the goal is completed with some probability, and then the arrival is that on the cell x' without
+commitment, with g_j' = 0. Given the arrival the variables move independently, so E is one small
+matrix a variable, applied along its axis; a transition matrix over states never exists.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from types import EllipsisType
+from functools import cached_property
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from uav_mission_manager.mdp.actions import Action
 from uav_mission_manager.mdp.dynamics import (
@@ -33,301 +37,239 @@ from uav_mission_manager.mdp.dynamics import (
     range_matrix,
     threat_matrices,
 )
+from uav_mission_manager.solver.axes import FloatArray
 from uav_mission_manager.solver.submdp import SubMdp
 
-FloatArray = NDArray[np.float64]
-Where = EllipsisType | tuple[NDArray[np.int64], ...]
-"""Everything, or index arrays into the axes (t, f, r, g)."""
+GROUND = ('none', 'recharge', 'repair')
+"""The arrivals on the ground: `none` on base, the others on the service cell."""
 
-RESET = np.array([[1.0, 0.0, 0.0]] * 3)
-"""P(g_j' | g_j) of a goal just completed."""
+ROUNDINGS_A_GOAL, ROUNDINGS = 8, 32
+"""Roundings in one backup of an entry, at most: 4 an axis, 16 for costs, completion, change."""
 
 
 @dataclass(frozen=True)
-class Value:
-    """The value function without its terms in c and m (see the module's docstring).
+class Choice:
+    """An action as the backup sees it.
 
     Attributes
     ----------
-    free : float array (q, 3, 8, 2^n, 3^n)
-        U over l, t, f - 1, joint range flag, joint priority; goal 1 is the slowest digit.
-    on_site : float array (n, 3, 8, 2^n, 3^n)
-        C_j over goal, t, f - 1, r, g: committed to a goal, on its cell.
+    action : Action
+    arrivals : int array (places,)
+        Its arrival from each place: x' normal, places + x' agile, 2 places + position in
+        `GROUND`; from sites one of the operator's `sites`, numbered on from there.
+    slot : int or None
+        Goal whose priority the cost below depends on.
+    levels, faults : slice
+        Priorities of that goal, and fault modes, outside which it is allowed nowhere.
+    cost : float array (places, levels, faults * 2^n)
+        h - discount bonus; inf where not allowed.
     """
 
-    free: FloatArray
-    on_site: FloatArray
-
-
-def mix(values: FloatArray, before: int, matrix: FloatArray) -> FloatArray:
-    """Expectation along one axis, sum_j matrix[i, j] values[.., j, ..], elementwise.
-
-    `before` is the product of the axes before it. `matrix` has shape (n, n), or (before, n, n)
-    for a matrix of its own for each index before.
-    """
-    n = matrix.shape[-1]
-    source = values.reshape(before, n, -1)
-    result = np.empty_like(source)
-    weights = matrix.reshape(-1, n, n, 1)
-    for i in range(n):
-        total = weights[:, i, 0] * source[:, 0]
-        for j in range(1, n):
-            if weights[:, i, j].any():
-                total += weights[:, i, j] * source[:, j]
-        result[:, i] = total
-    return result.reshape(values.shape)
-
-
-class _Arrivals:
-    """E[V(s')] on arrival in some cells with c' = 0, over the present (t, f, r, g).
-
-    Built from W on those cells, (cells, 3, 8, 2^n, 3^n), and P(g_j' | g_j) of each goal.
-    """
-
-    def __init__(
-        self,
-        operator: BellmanOperator,
-        values: FloatArray,
-        cells: Sequence[int],
-        priorities: Sequence[FloatArray],
-    ) -> None:
-        self.operator = operator
-        self.row = {cell: row for row, cell in enumerate(cells)}
-        self.expected = operator.expect_exogenous(values, cells, priorities)
-        self.threat_cost = operator.threat_cost[:, list(cells)]
-        self.flight = [
-            operator.expect_flight(self.expected, bool(mode)) + self.threat_cost[mode]
-            for mode in (0, 1)
-        ]
-
-    def in_flight(self, agile: bool, cell: int) -> FloatArray:
-        return self.flight[agile][self.row[cell]]
-
-    def on_ground(self, kind: str, cell: int) -> FloatArray:
-        expected = self.expected[self.row[cell]]
-        if kind == 'recharge':  # Every r_j' = 1: the last joint flag.
-            expected = np.broadcast_to(expected[:, :, -1:, :], expected.shape)
-        elif kind == 'repair':
-            expected = mix(expected, 3, self.operator.repair)
-        return expected + self.threat_cost[0, self.row[cell]]
+    action: Action
+    arrivals: NDArray[np.intp]
+    slot: int | None
+    levels: slice
+    faults: slice
+    cost: FloatArray
 
 
 class BellmanOperator:
-    """Q(s, a) = J(s, a) + discount E[V(s')] of a sub-MDP, for whole value functions and states."""
+    """What a sub-MDP's backup is made of, as arrays of one floating type.
 
-    def __init__(self, sub: SubMdp) -> None:
-        mission, n = sub.mission, sub.n
-        self.sub = sub
-        self.shape = (3, 8, 2**n, 3**n)
-        self.cells = tuple(mission.goals[j].cell for j in sub.goals)
-        self.hops = mission.grid.next_hops()
-        self.distance = sub.share * mission.distance_weight * mission.grid.distances()
-        self.threat = threat_matrices(mission)
-        self.failures = [failure_matrices(mission, agile=bool(mode)) for mode in (0, 1)]
-        self.loss = [range_matrix(mission, agile=bool(mode)) for mode in (0, 1)]
-        self.priorities = [priority_matrices(mission)[j] for j in sub.goals]
-        success = mission.faults.repair_success
-        self.repair = np.eye(8) * (1 - success)
-        self.repair[:, 0] += success
-        self.completion = np.array(mission.faults.completion)[:, None, None]
-        self.base_cost = self._base_cost()
-        self.bonus = [self._expected_bonus(bool(mode)) for mode in (0, 1)]
-        self.allowed = [sub.allowed(action) for action in sub.actions]
+    Tables over states have the axes (place, (t, g), (f, r)) and shape (q + n, 3 * 3^n, 8 * 2^n).
+
+    Attributes
+    ----------
+    cells : tuple of int
+        Cell of each place.
+    threat : float array (places, 3, 3)
+        discount P(t' | t) on arrival.
+    price : float array (2, places, 3)
+        discount E[p(t', m) | t] on arrival.
+    priorities : list of float array (1, 3, 3)
+        P(g_j' | g_j).
+    failures : float array (3, 2)
+        Failure probability of camera, actuator and sensor in normal and agile flight.
+    loss : float array (2,)
+        P(r_j: 1 -> 0) in flight.
+    repair : float
+        P(f' = 1) of a repair.
+    completion : float array (8,)
+    landings : tuple of tuple of int
+        Cells an epoch away from each goal's.
+    sites : tuple of tuple of (int, int)
+        For each goal's site the different pairs of an arrival where the goal is not completed
+        and one where it is; these are numbered as the others are, with `landings` for places.
+    choices : tuple of Choice
+    """
+
+    def __init__(self, sub: SubMdp, dtype: DTypeLike = np.float64) -> None:
+        mission, n, q = sub.mission, sub.n, sub.mission.grid.q
+        self.sub, self.dtype = sub, np.dtype(dtype)
+        self.q, self.places = q, q + n
+        self.rows, self.columns = 3 * 3**n, 8 * 2**n
+        self.cells = (*range(q), *(mission.goals[j].cell for j in sub.goals))
         self.threat_price = sub.share * np.array(mission.threat.cost)
-        # E[p(t', m) | t, l'], over (m, l', t): sum over t' in a fixed order.
-        price = self.threat_price.T[:, None, None, :] * self.threat[None]
-        self.threat_cost = (price[..., 0] + price[..., 1] + price[..., 2])[..., None, None, None]
+        threat = threat_matrices(mission)[list(self.cells)]
+        self.threat = self._array(mission.discount * threat)
+        # Sums over t' in a fixed order, not a matrix product.
+        price = self.threat_price.T[:, None, None, :] * threat
+        self.price = self._array(mission.discount * (price[..., 0] + price[..., 1] + price[..., 2]))
+        matrices = priority_matrices(mission)
+        self.priorities = [self._array(matrices[j][None]) for j in sub.goals]
+        failures = [failure_matrices(mission, agile) for agile in (False, True)]
+        self.failures = self._array([[p[0, 1] for p in parts[::-1]] for parts in failures]).T
+        self._keep = [range_matrix(mission, agile)[:, 1] for agile in (False, True)]
+        self.loss = self._array([1 - keep[1] for keep in self._keep])
+        self.repair = self.dtype.type(mission.faults.repair_success)
+        self.completion = self._array(mission.faults.completion)
+        self.hops = mission.grid.next_hops()
+        destinations = [action.destination for action in sub.actions]
+        self.landings = tuple(
+            tuple(np.unique(self.hops[cell, destinations]).tolist()) for cell in self.cells[q:]
+        )
+        self.sites = tuple(
+            tuple(sorted({self._site_arrival(action, slot) for action in sub.actions}))
+            for slot in range(n)
+        )
+        distance = sub.share * mission.distance_weight * mission.grid.distances()
+        self.choices = tuple(self._choice(action, distance) for action in sub.actions)
 
-    def _base_cost(self) -> FloatArray:
-        """b(f, r, g), shape (8, 2^n, 3^n): the stage cost less its terms in a, c and m."""
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Shape of W: (places, rows (t, g), columns (f, r))."""
+        return self.places, self.rows, self.columns
+
+    def zero(self) -> FloatArray:
+        """Return W = 0."""
+        return np.zeros(self.shape, dtype=self.dtype)
+
+    def rounding(self, values: FloatArray) -> float:
+        """Bound on what rounding adds to one backup of W."""
+        largest = max(-float(values.min()), float(values.max()))
+        for costs in (self.base_cost, self.price, *(choice.cost for choice in self.choices)):
+            largest += float(np.abs(costs).max(initial=0.0, where=np.isfinite(costs)))
+        roundings = ROUNDINGS_A_GOAL * self.sub.n + ROUNDINGS
+        return 1.01 * roundings * float(np.finfo(self.dtype).eps) / 2 * largest
+
+    def _array(self, values: Any) -> FloatArray:
+        return np.array(values, dtype=self.dtype)
+
+    @cached_property
+    def base_cost(self) -> FloatArray:
+        """b(f, r, g), float array (3^n, 8 * 2^n)."""
         mission, sub = self.sub.mission, self.sub
-        cost = np.zeros(self.shape[1:])
-        cost += sub.share * np.array(mission.faults.cost)[:, None, None]
+        faults = sub.share * np.array(mission.faults.cost)
+        cost = np.zeros((3**sub.n, 8, 2**sub.n)) + faults[:, None]
         for j, r, g in zip(sub.goals, sub.flags(), sub.priorities()):
-            goal, r = mission.goals[j], r[:, None]
-            cost += goal.eta * g * r + goal.delta * g * (1 - r)
-            cost += mission.range.cost / mission.k * (1 - r)
-        return cost
+            goal = mission.goals[j]
+            by_level = goal.eta * r + goal.delta * (1 - r)
+            cost += g[:, None, None] * by_level + mission.range.cost / mission.k * (1 - r)
+        return self._array(cost.reshape(3**sub.n, self.columns))
 
-    def _expected_bonus(self, agile: bool) -> list[FloatArray]:
-        """E[eta_j g_j' r_j'] in flight for each goal, as views of shape (3, 8, 2^n, 3^n)."""
+    def _choice(self, action: Action, distance: FloatArray) -> Choice:
         sub = self.sub
-        bonus = []
-        for slot, j in enumerate(sub.goals):
-            matrix = self.priorities[slot]
-            g = (matrix[:, 1] + 2 * matrix[:, 2])[sub.priorities()[slot]]
-            r = self.loss[agile][:, 1][sub.flags()[slot]]
-            bonus.append(np.broadcast_to(sub.mission.goals[j].eta * r[:, None] * g, self.shape))
+        slot = sub.slot(action)
+        allowed = sub.allowed(action)
+        cost = np.zeros((self.places, *allowed.shape))
+        cost += distance[list(self.cells), action.destination][:, None, None, None]
+        if action.kind in ('recharge', 'repair'):
+            service_cost = sub.share * getattr(sub.mission.service_cost, action.kind)
+            cost[np.array(self.cells) == sub.mission.grid.service] += service_cost
+        if slot is not None:
+            cost -= self._bonus(action, slot)
+        cost[:, ~allowed] = np.inf
+        levels, faults = (hull(allowed.any(axis=axes)) for axes in ((1, 2), (0, 2)))
+        inside = np.ascontiguousarray(cost[:, levels, faults])
+        return Choice(
+            action=action,
+            arrivals=np.array(self._arrivals(action)),
+            slot=slot,
+            levels=levels,
+            faults=faults,
+            cost=self._array(inside.reshape(*inside.shape[:2], -1)),
+        )
+
+    def _bonus(self, action: Action, slot: int) -> FloatArray:
+        """Discount E[eta_j g_j' r_j'] on commitment to goal j, over (place, g_j, f, r).
+
+        On a site it is earned only where that site's goal is not completed.
+        """
+        sub = self.sub
+        goal = sub.mission.goals[sub.goals[slot]]
+        matrix = np.array(goal.priority_transition)
+        g = goal.eta * (matrix[:, 1] + 2 * matrix[:, 2])
+        r = self._keep[action.agile][sub.flags()[slot]]
+        bonus = np.empty((self.places, 3, 8, 2**sub.n))
+        bonus[:] = sub.mission.discount * g[:, None, None] * r
+        bonus[self.q :] *= 1 - np.array(sub.mission.faults.completion)[:, None]
         return bonus
 
-    def zero(self) -> Value:
-        """Return the value function that is 0 in U and C."""
-        q = self.sub.mission.grid.q
-        return Value(np.zeros((q, *self.shape)), np.zeros((self.sub.n, *self.shape)))
+    def _arrival(self, action: Action, place: int) -> int:
+        cell = self.cells[place]
+        if on_ground(self.sub.mission, action, cell):
+            return 2 * self.places + GROUND.index(action.kind)
+        landing = int(self.hops[cell, action.destination])
+        slot = self.sub.slot(action)
+        if slot is not None and landing == action.destination:
+            landing = self.q + slot
+        return self.places * action.agile + landing
 
-    def expect_exogenous(
-        self, values: FloatArray, cells: Sequence[int], priorities: Sequence[FloatArray]
-    ) -> FloatArray:
-        """Expectation over t' and g', which no action touches."""
-        values = mix(values, len(cells), self.threat[list(cells)])
-        before = len(cells) * 24 * 2**self.sub.n
-        for slot, matrix in enumerate(priorities):
-            values = mix(values, before * 3**slot, matrix)
-        return values
-
-    def expect_flight(self, values: FloatArray, agile: bool) -> FloatArray:
-        """Expectation over f' and r' in flight."""
-        before = len(values) * 3
-        # f - 1 in binary digits: camera, actuator, sensor, the sensor's the fastest.
-        for bit, matrix in enumerate(reversed(self.failures[agile])):
-            values = mix(values, before * 2**bit, matrix)
-        for slot in range(self.sub.n):
-            values = mix(values, before * 8 * 2**slot, self.loss[agile])
-        return values
-
-    def where(self, states: NDArray[np.int64]) -> tuple[NDArray[np.int64], ...]:
-        """Indices (t, f - 1, joint r, joint g) of global states, each of shape (N,)."""
-        k, goals = self.sub.mission.k, np.array(self.sub.goals, dtype=np.intp)
-        r = states[:, 1 + goals] @ (2 ** np.arange(self.sub.n)[::-1])
-        g = states[:, 1 + k + goals] @ (3 ** np.arange(self.sub.n)[::-1])
-        return states[:, -2], states[:, 0] - 1, r, g
-
-    def slot_on_site(self, states: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Position of the goal committed to where the UAV is on its cell, -1 elsewhere; (N,)."""
-        slots = np.full(len(states), -1)
-        for slot, (j, cell) in enumerate(zip(self.sub.goals, self.cells)):
-            slots[(states[:, -3] == j + 1) & (states[:, -4] == cell)] = slot
-        return slots
-
-    def mode_cost(self, states: NDArray[np.int64]) -> FloatArray:
-        """p(t, m) - [c > 0] eta_c g_c r_c of global states, shape (N,)."""
-        k = self.sub.mission.k
-        cost = self.threat_price[states[:, -2], states[:, -1]]
-        for j in self.sub.goals:
-            reward = self.sub.mission.goals[j].eta * states[:, 1 + j] * states[:, 1 + k + j]
-            cost -= reward * (states[:, -3] == j + 1)
-        return cost
-
-    def allowed_in(self, states: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Whether each action is allowed in global states, shape (N, actions)."""
-        where = self.where(states)[1:]
-        return np.stack([allowed[where] for allowed in self.allowed], axis=1)
-
-    def state_values(self, value: Value, states: NDArray[np.int64]) -> FloatArray:
-        """V(s) of global states, shape (N,)."""
-        where, slots = self.where(states), self.slot_on_site(states)
-        values = np.where(
-            slots < 0,
-            value.free[(states[:, -4], *where)],
-            value.on_site[(np.maximum(slots, 0), *where)],
-        )
-        return values + self.mode_cost(states)
-
-    def look_ahead(self, value: Value) -> LookAhead:
-        """Return the tables of E[V(s')] from which Q is looked up."""
-        return LookAhead(self, value)
-
-
-class LookAhead:
-    """E[V(s')] of every action in every state, as sums of look-ups."""
-
-    def __init__(self, operator: BellmanOperator, value: Value) -> None:
-        self.operator = operator
-        sub = operator.sub
-        self.arrivals = _Arrivals(
-            operator, value.free, range(sub.mission.grid.q), operator.priorities
-        )
-        self.on_site = [
-            _Arrivals(operator, value.on_site[slot : slot + 1], (cell,), operator.priorities)
-            for slot, cell in enumerate(operator.cells)
-        ]
-        self.completed = [self._completed(value, slot) for slot in range(sub.n)]
-
-    def _completed(self, value: Value, slot: int) -> _Arrivals:
-        operator = self.operator
-        cell = operator.cells[slot]
-        destinations = [action.destination for action in operator.sub.actions]
-        cells = np.unique(operator.hops[cell, destinations])
-        priorities = list(operator.priorities)
-        priorities[slot] = RESET
-        return _Arrivals(operator, value.free[cells], cells.tolist(), priorities)
-
-    def expected(self, action: Action, cell: int, where: Where = ...) -> FloatArray:
-        """E[V(s')] in a cell where no goal is completed, over (t, f, r, g)."""
-        operator = self.operator
-        if on_ground(operator.sub.mission, action, cell):
-            return self.arrivals.on_ground(action.kind, cell)[where]
-        landing = int(operator.hops[cell, action.destination])
-        slot = operator.sub.slot(action)
-        if slot is None:
-            return self.arrivals.in_flight(action.agile, landing)[where]
-        bonus = operator.bonus[action.agile][slot][where]
-        if landing == operator.cells[slot]:
-            return self.on_site[slot].in_flight(action.agile, landing)[where] - bonus
-        return self.arrivals.in_flight(action.agile, landing)[where] - bonus
-
-    def expected_on_site(self, action: Action, slot: int, where: Where = ...) -> FloatArray:
-        """E[V(s')] where the UAV is committed to a goal and on its cell."""
-        operator = self.operator
-        cell = operator.cells[slot]
-        arrivals = self.completed[slot]
-        if on_ground(operator.sub.mission, action, cell):
-            done = arrivals.on_ground(action.kind, cell)[where]
+    def _site_arrival(self, action: Action, slot: int) -> tuple[int, int]:
+        """Arrival from a site, where its goal is not completed and where it is."""
+        place, landings = self.q + slot, self.landings[slot]
+        cell = self.cells[place]
+        if on_ground(self.sub.mission, action, cell):
+            completed = 2 * len(landings) + GROUND.index(action.kind)
         else:
-            landing = int(operator.hops[cell, action.destination])
-            done = arrivals.in_flight(action.agile, landing)[where]
-        p = np.broadcast_to(operator.completion, operator.shape)[where]
-        return (1 - p) * self.expected(action, cell, where) + p * done
+            landing = landings.index(int(self.hops[cell, action.destination]))
+            completed = len(landings) * action.agile + landing
+        return self._arrival(action, place), completed
 
-    def action_cost(self, action: Action, cell: int) -> float:
-        """h(a, l), the share of this sub-MDP."""
-        sub = self.operator.sub
-        cost = float(self.operator.distance[cell, action.destination])
-        if cell == sub.mission.grid.service and action.kind in ('recharge', 'repair'):
-            cost += sub.share * getattr(sub.mission.service_cost, action.kind)
-        return cost
+    def _arrivals(self, action: Action) -> list[int]:
+        arrivals = [self._arrival(action, cell) for cell in range(self.q)]
+        first = 2 * self.places + len(GROUND)
+        for slot, site in enumerate(self.sites):
+            arrivals.append(first + site.index(self._site_arrival(action, slot)))
+            first += len(site)
+        return arrivals
 
-    def backup(self) -> Value:
-        """One Bellman backup: the minimum of Q over the allowed actions, everywhere."""
-        operator = self.operator
-        free = [
-            self._minimum(cell, [self.expected(action, cell) for action in operator.sub.actions])
-            for cell in range(operator.sub.mission.grid.q)
-        ]
-        on_site = [
-            self._minimum(
-                cell, [self.expected_on_site(action, slot) for action in operator.sub.actions]
-            )
-            for slot, cell in enumerate(operator.cells)
-        ]
-        return Value(np.stack(free), np.stack(on_site))
+    def locate(self, states: NDArray[np.int64]) -> tuple[NDArray[np.int64], ...]:
+        """Indices (place, row, column) into W of global states (N, 2k+5), each of shape (N,)."""
+        sub = self.sub
+        r, g = sub.columns(states)
+        place = states[:, -4].copy()
+        for slot, j in enumerate(sub.goals):
+            on_site = (states[:, -3] == j + 1) & (states[:, -4] == self.cells[self.q + slot])
+            place[on_site] = self.q + slot
+        n, digits = sub.n, np.arange(sub.n)[::-1]
+        row = states[:, -2] * 3**n + g @ 3**digits
+        return place, row, (states[:, 0] - 1) * 2**n + r @ 2**digits
 
-    def _minimum(self, cell: int, expected: list[FloatArray]) -> FloatArray:
-        operator = self.operator
-        discount = operator.sub.mission.discount
-        best = np.full(operator.shape, np.inf)
-        for action, allowed, table in zip(operator.sub.actions, operator.allowed, expected):
-            q = self.action_cost(action, cell) + discount * table
-            np.minimum(best, q, out=best, where=allowed)
-        return operator.base_cost + best
+    def stage_cost(self, states: NDArray[np.int64]) -> NDArray[np.float64]:
+        """J(s, a) - h(a, l) of global states, shape (N,)."""
+        sub, mission = self.sub, self.sub.mission
+        r, g = sub.columns(states)
+        _, delta = sub.weights
+        lost = (delta * g + mission.range.cost / mission.k) * (1 - r)
+        committed = sub.weights[0] * g * r
+        faults = sub.share * np.array(mission.faults.cost)[states[:, 0] - 1]
+        return faults + (lost + committed).sum(axis=1) + self.mode_cost(states)
 
-    def q_values(self, states: NDArray[np.int64]) -> FloatArray:
-        """Q(s, a) of global states (N, 2k+5), shape (N, actions); inf where not allowed."""
-        operator, sub = self.operator, self.operator.sub
-        mission = sub.mission
-        q = np.full((len(states), len(sub.actions)), np.inf)
-        location, mode_cost = states[:, -4], operator.mode_cost(states)
-        committed = operator.slot_on_site(states)
-        where = operator.where(states)
-        for cell, slot in np.unique(np.stack([location, committed]), axis=1).T:
-            rows = np.flatnonzero((location == cell) & (committed == slot))
-            at = tuple(index[rows] for index in where)
-            fixed = mode_cost[rows] + operator.base_cost[at[1:]]
-            for column, action in enumerate(sub.actions):
-                if slot < 0:
-                    expected = self.expected(action, cell, at)
-                else:
-                    expected = self.expected_on_site(action, slot, at)
-                cost = fixed + self.action_cost(action, cell) + mission.discount * expected
-                q[rows, column] = np.where(operator.allowed[column][at[1:]], cost, np.inf)
-        return q
+    def mode_cost(self, states: NDArray[np.int64]) -> NDArray[np.float64]:
+        """p(t, m) - [c > 0] eta_c g_c r_c of global states, shape (N,)."""
+        sub = self.sub
+        r, g = sub.columns(states)
+        committed = states[:, -3, None] == np.array(sub.goals) + 1
+        saved = (sub.weights[0] * g * r * committed).sum(axis=1)
+        return np.asarray(self.threat_price[states[:, -2], states[:, -1]] - saved)
+
+    def state_values(self, values: FloatArray, states: NDArray[np.int64]) -> NDArray[np.float64]:
+        """V(s) of global states, shape (N,)."""
+        return values[self.locate(states)] + self.mode_cost(states)
+
+
+def hull(flags: NDArray[np.bool_]) -> slice:
+    """Smallest slice that holds all true flags; the whole where none is."""
+    true = np.flatnonzero(flags)
+    return slice(int(true[0]), int(true[-1]) + 1) if true.size else slice(0, len(flags))

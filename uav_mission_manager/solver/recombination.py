@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from uav_mission_manager.solver.bellman import FloatArray
+from uav_mission_manager.solver.axes import FloatArray
 from uav_mission_manager.solver.submdp import SubMdp
 
 TIE = 1e-9

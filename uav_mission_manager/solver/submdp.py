@@ -58,27 +58,53 @@ class SubMdp:
         return self.goals.index(goal) if goal in self.goals else None
 
     def allowed(self, action: Action) -> NDArray[np.bool_]:
-        """Where the mission's feasibility rule allows an action, shape (8, 2^n, 3^n) over f, r, g.
+        """Where the mission's feasibility rule allows an action.
 
-        A rule that asks for a goal that is not tracked does not restrict.
+        Over (g_j, f, r) with j the goal that the action commits to, shape (3, 8, 2^n); over
+        (1, f, r) where that is none or not tracked. A rule that asks for what is not tracked
+        does not restrict.
         """
-        mission = self.mission
-        allowed = np.ones((8, 2**self.n, 3**self.n), dtype=bool)
+        mission, slot = self.mission, self.slot(action)
+        allowed = np.ones((1 if slot is None else 3, 8, 2**self.n), dtype=bool)
         if mission.feasibility == 'seed' or action.kind == 'none':
             return allowed
         if action.kind == 'commit':
-            able = np.array(mission.faults.completion) > 0
-            allowed &= able[:, None, None]
-            slot = self.slot(action)
+            allowed &= (np.array(mission.faults.completion) > 0)[:, None]
             if slot is not None:
-                allowed &= (self.flags()[slot] == 1)[:, None]
-                allowed &= self.priorities()[slot] > 0
+                allowed &= self.flags()[slot] == 1
+                allowed[0] = False
         elif action.kind == 'recharge':
             if self.n == mission.k:
-                allowed &= (self.flags() == 0).any(axis=0)[:, None]
+                allowed &= (self.flags() == 0).any(axis=0)
         else:
-            allowed[0] = False
+            allowed[:, 0] = False
         return allowed
+
+    @cached_property
+    def weights(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """eta_j and delta_j of the goals tracked, each of shape (n,)."""
+        goals = [self.mission.goals[j] for j in self.goals]
+        return np.array([goal.eta for goal in goals]), np.array([goal.delta for goal in goals])
+
+    def columns(self, states: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Columns r and g of the goals tracked in global states (N, 2k+5), each (N, n)."""
+        chosen = np.array(self.goals, dtype=np.intp)
+        return states[:, 1 + chosen], states[:, 1 + self.mission.k + chosen]
+
+    def allowed_in(self, states: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Whether each action is allowed in global states (N, 2k+5), shape (N, actions)."""
+        r, g = self.columns(states)
+        flags = r @ 2 ** np.arange(self.n)[::-1]
+        tables = []
+        for action, allowed in zip(self.actions, self._allowed):
+            slot = self.slot(action)
+            levels = 0 if slot is None else g[:, slot]
+            tables.append(allowed[levels, states[:, 0] - 1, flags])
+        return np.stack(tables, axis=1)
+
+    @cached_property
+    def _allowed(self) -> list[NDArray[np.bool_]]:
+        return [self.allowed(action) for action in self.actions]
 
     def flags(self) -> NDArray[np.int64]:
         """r_j for every joint range flag, shape (n, 2^n)."""

@@ -1,0 +1,58 @@
+"""Expectations along one axis of a table, as lists of elementwise steps between given arrays.
+
+A step is a function and its arguments. Small tables are swept by lists made once, where making
+the views would take longer than the arithmetic; large ones block by block.
+
+Only correctly rounded elementwise operations in a fixed order are used, never a matrix product:
+every machine, numpy and BLAS computes the same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.floating[Any]]
+Step = tuple[Callable[..., Any], tuple[Any, ...]]
+
+
+def run(steps: Iterable[Step]) -> None:
+    """Take the steps in their order."""
+    for function, arguments in steps:
+        function(*arguments)
+
+
+def mix(
+    source: FloatArray, matrices: FloatArray, out: FloatArray, scratch: FloatArray
+) -> list[Step]:
+    """Expectation out[b, i] = sum_j P[b, i, j] source[b, j].
+
+    `source`, `out` and `scratch` have shape (before, n, ...), `matrices` (before, n, n), or
+    (1, n, n) where all are the same.
+    """
+    weights = matrices.reshape(*matrices.shape, *(1,) * (source.ndim - 2))
+    steps: list[Step] = [(np.multiply, (weights[:, :, 0], source[:, 0, None], out))]
+    for j in range(1, matrices.shape[-1]):
+        steps.append((np.multiply, (weights[:, :, j], source[:, j, None], scratch)))
+        steps.append((np.add, (out, scratch, out)))
+    return steps
+
+
+def drift(
+    values: FloatArray, towards: FloatArray, probability: FloatArray, scratch: FloatArray
+) -> list[Step]:
+    """Expectation over a change that cannot be undone: values += p (towards - values)."""
+    return [
+        (np.subtract, (towards, values, scratch)),
+        (np.multiply, (scratch, probability, scratch)),
+        (np.add, (values, scratch, values)),
+    ]
+
+
+def gather(source: FloatArray, rows: NDArray[np.intp], out: FloatArray) -> Step:
+    """Step out[i] = source[rows[i]]; `source` in one piece."""
+    # mode='raise' would go through a buffer.
+    return source.take, (rows, 0, out, 'clip')
