@@ -150,13 +150,17 @@ class Arrivals:
         """Expectation over each bit of f' (camera, actuator, sensor) and each r_j' in flight."""
         operator = self.operator
         room = np.empty(self.flight.size // 2, operator.dtype)
-        steps: list[Step] = [(np.copyto, (self.flight[1], self.flight[0]))]
         digits = [(p, 0) for p in operator.failures] + [(operator.loss, 1)] * operator.sub.n
+        alike, different = [], []
         for digit, (probability, leaves) in enumerate(digits):
-            bits = self.flight.reshape(2, 2**digit, 2, -1)
+            same = probability[0] == probability[1]  # Taken once for both modes.
+            flight = self.flight[:1] if same else self.flight
+            bits = flight.reshape(len(flight), 2**digit, 2, -1)
             values, towards = bits[:, :, leaves], bits[:, :, 1 - leaves]
-            steps += drift(values, towards, probability[:, None, None], room.reshape(values.shape))
-        return steps
+            scratch = room[: values.size].reshape(values.shape)
+            weights = probability[: len(flight), None, None]
+            (alike if same else different).extend(drift(values, towards, weights, scratch))
+        return [*alike, (np.copyto, (self.flight[1], self.flight[0])), *different]
 
     def _ground(
         self, into: FloatArray, source: FloatArray, price: FloatArray, goal: int

@@ -108,11 +108,11 @@ class SubMdp:
 
     def flags(self) -> NDArray[np.int64]:
         """r_j for every joint range flag, shape (n, 2^n)."""
-        return np.indices((2,) * self.n).reshape(self.n, -1)
+        return np.indices((2,) * self.n).reshape(self.n, 2**self.n)
 
     def priorities(self) -> NDArray[np.int64]:
         """g_j for every joint priority, shape (n, 3^n)."""
-        return np.indices((3,) * self.n).reshape(self.n, -1)
+        return np.indices((3,) * self.n).reshape(self.n, 3**self.n)
 
 
 def whole_mission(mission: Mission) -> SubMdp:

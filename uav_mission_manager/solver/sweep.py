@@ -23,7 +23,7 @@ from uav_mission_manager.solver.recombination import TIE
 BLOCK = 1 << 17
 """Entries of W that a thread works on at a time."""
 
-THREADED = 1 << 18
+THREADED = 1 << 20
 """Entries of W from which threads pay."""
 
 T = TypeVar('T')
@@ -206,15 +206,21 @@ class Sweeper:
         return second.change()
 
     def _share(self, work: Callable[[int, T], R], blocks: Sequence[T]) -> list[R]:
-        """Results of work(thread, block), the blocks dealt out among the threads."""
+        """Results of work(thread, block), shared among the threads."""
+
+        queue = iter(blocks)
 
         def each(worker: int) -> list[R]:
-            return [work(worker, block) for block in blocks[worker :: self.threads]]
+            return [work(worker, block) for block in queue]
 
         if self.threads == 1:
             return each(0)
         with ThreadPoolExecutor(self.threads) as pool:
-            return [result for part in pool.map(each, range(self.threads)) for result in part]
+            try:
+                return [result for part in pool.map(each, range(self.threads)) for result in part]
+            finally:
+                for _ in queue:  # After Ctrl-C no further block is begun.
+                    pass
 
 
 def _lower(least: FloatArray, q: FloatArray) -> None:
