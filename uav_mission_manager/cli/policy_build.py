@@ -6,14 +6,16 @@ import argparse
 import json
 import math
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from uav_mission_manager.cli.errors import one_line_errors
 from uav_mission_manager.mdp import load_mission
-from uav_mission_manager.policy import METHODS, Policy, build_policy
+from uav_mission_manager.policy import METHODS, Checkpoint, Policy, build_policy
+from uav_mission_manager.solver import PRECISIONS
 
 
 def main(args: list[str] | None = None) -> int:
@@ -30,6 +32,20 @@ def main(args: list[str] | None = None) -> int:
         default=1e-7,
         help='largest distance of V from V* of each sub-MDP, in cost; default: %(default)g',
     )
+    parser.add_argument(
+        '--precision',
+        choices=PRECISIONS,
+        default='mixed',
+        help='floating type: double with early sweeps in single (mixed), double or single; single '
+        'halves the memory; default: %(default)s',
+    )
+    parser.add_argument('--jobs', type=int, help='threads; default: all processors')
+    parser.add_argument(
+        '--resume',
+        action='store_true',
+        help='for solves of minutes: leave a checkpoint beside DIR once a minute, and go on from '
+        'one that is there',
+    )
     parser.add_argument('--json', action='store_true', help='print the summary as JSON')
     options = parser.parse_args(args)
     with one_line_errors('policy_build'):
@@ -38,25 +54,7 @@ def main(args: list[str] | None = None) -> int:
 
 def _build(options: argparse.Namespace) -> int:
     start = time.perf_counter()
-    mission = load_mission(options.mission)
-    console = Console(stderr=True)
-    columns = TextColumn('{task.description}'), BarColumn(), TimeElapsedColumn()
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as progress:
-        tasks: dict[int, tuple[TaskID, float]] = {}
-
-        def on_sweep(position: int, sweep: int, bound: float) -> None:
-            """Show the progress of the bound on a logarithmic scale."""
-            if position not in tasks:
-                tasks[position] = (progress.add_task(''), bound)
-            task, first = tasks[position]
-            done = _decades(first, bound) / max(_decades(first, options.tolerance), 1e-9)
-            text = f'sub-MDP {position + 1}: sweep {sweep}, within {bound:.1e} of V*'
-            progress.update(task, completed=100 * min(done, 1.0), description=text)
-
-        policy = build_policy(mission, options.method, options.tolerance, on_sweep)
-    policy.save(options.out)
+    policy = _solve(options)
     summary = {
         **policy.info,
         'seconds': round(time.perf_counter() - start, 3),
@@ -65,6 +63,47 @@ def _build(options: argparse.Namespace) -> int:
     }
     print(json.dumps(summary) if options.json else _describe(policy, summary))
     return 0
+
+
+def _solve(options: argparse.Namespace) -> Policy:
+    """Build the policy set behind a progress bar."""
+    mission = load_mission(options.mission)
+    checkpoint = None
+    if options.resume:
+        checkpoint = Checkpoint(options.out, mission, options.method, options.precision)
+    console = Console(stderr=True)
+    columns = TextColumn('{task.description}'), BarColumn(), TimeRemainingColumn()
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as progress:
+        policy = build_policy(
+            mission,
+            options.method,
+            options.tolerance,
+            _bar(progress, options.tolerance),
+            precision=options.precision,
+            threads=options.jobs,
+            checkpoint=checkpoint,
+        )
+    policy.save(options.out)
+    if checkpoint is not None:
+        checkpoint.remove()
+    return policy
+
+
+def _bar(progress: Progress, tolerance: float) -> Callable[[int, int, float], None]:
+    """Progress of each sub-MDP's bound, on a logarithmic scale."""
+    tasks: dict[int, tuple[TaskID, float]] = {}
+
+    def on_sweep(position: int, sweep: int, bound: float) -> None:
+        if position not in tasks:
+            tasks[position] = (progress.add_task(''), bound)
+        task, first = tasks[position]
+        done = _decades(first, bound) / max(_decades(first, tolerance), 1e-9)
+        text = f'sub-MDP {position + 1}: sweep {sweep}, within {bound:.1e} of V*'
+        progress.update(task, completed=100 * min(done, 1.0), description=text)
+
+    return on_sweep
 
 
 def _decades(first: float, bound: float) -> float:

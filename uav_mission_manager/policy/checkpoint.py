@@ -72,10 +72,9 @@ class Checkpoint:
             return
         fresh = self.file.with_name(self.file.name + '.tmp')
         try:
+            fresh.parent.mkdir(parents=True, exist_ok=True)
             with fresh.open('wb') as stream:
-                np.savez(
-                    stream, key=self.key, position=position, sweeps=sweeps, values=values
-                )
+                np.savez(stream, key=self.key, position=position, sweeps=sweeps, values=values)
             fresh.replace(self.file)
         except OSError as error:
             raise PolicyError(f'{self.file}: cannot be written: {error}') from error

@@ -174,7 +174,7 @@ def _read_part(directory: Path, mission: Mission, part: dict[str, Any]) -> Solut
     goals = tuple(positions[name] for name in part['goals'])
     sub = SubMdp(mission, goals, tuple(part['actions']), part['share'])
     shape = BellmanOperator(sub).shape
-    arrays = {
+    arrays: dict[str, Any] = {
         name: _read_array(directory, part['arrays'][name], shape, types)
         for name, types in ARRAYS.items()
         if name != 'actions' or name in part['arrays']

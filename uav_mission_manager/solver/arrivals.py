@@ -46,9 +46,7 @@ class FirstHalf:
         self.operator, self.places, self.columns = operator, places, columns
         self.scratch = np.empty((3, places * operator.rows * columns), operator.dtype)
 
-    def steps(
-        self, values: FloatArray, expected: Expected, place: int, column: int
-    ) -> list[Step]:
+    def steps(self, values: FloatArray, expected: Expected, place: int, column: int) -> list[Step]:
         """Steps that fill `expected` for some places and columns, from the given ones on."""
         operator, n = self.operator, self.operator.sub.n
         places, columns = slice(place, place + self.places), slice(column, column + self.columns)
@@ -63,7 +61,8 @@ class FirstHalf:
                 table = table.reshape(axes)
                 completed[other] = np.empty_like(table)
                 steps += mix(table, matrix, completed[other], np.empty_like(table))
-            landings = [cell - place for cell in operator.landings[slot] if cell in range(operator.q)[places]]
+            here = range(place, place + self.places)
+            landings = [cell - place for cell in operator.landings[slot] if cell in here]
             if landings:
                 achieved = x.reshape(self.places, -1, *axes[1:])[:, :, 0]
                 completed[slot] = np.empty((len(landings), *achieved.shape[1:]), operator.dtype)
@@ -151,7 +150,8 @@ class Arrivals:
         operator = self.operator
         room = np.empty(self.flight.size // 2, operator.dtype)
         digits = [(p, 0) for p in operator.failures] + [(operator.loss, 1)] * operator.sub.n
-        alike, different = [], []
+        alike: list[Step] = []
+        different: list[Step] = []
         for digit, (probability, leaves) in enumerate(digits):
             same = probability[0] == probability[1]  # Taken once for both modes.
             flight = self.flight[:1] if same else self.flight

@@ -27,7 +27,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from uav_mission_manager.mdp.actions import Action
 from uav_mission_manager.mdp.dynamics import (
@@ -59,9 +59,9 @@ class Choice:
         `GROUND`; from sites one of the operator's `sites`, numbered on from there.
     slot : int or None
         Goal whose priority the cost below depends on.
-    levels, faults : slice
-        Priorities of that goal, and fault modes, outside which it is allowed nowhere.
-    cost : float array (places, levels, faults * 2^n)
+    levels : slice
+        Priorities of that goal outside which it is allowed nowhere.
+    cost : float array (places, levels, 8 * 2^n)
         h - discount bonus; inf where not allowed.
     """
 
@@ -69,7 +69,6 @@ class Choice:
     arrivals: NDArray[np.intp]
     slot: int | None
     levels: slice
-    faults: slice
     cost: FloatArray
 
 
@@ -92,7 +91,7 @@ class BellmanOperator:
         Failure probability of camera, actuator and sensor in normal and agile flight.
     loss : float array (2,)
         P(r_j: 1 -> 0) in flight.
-    repair : float
+    repair : float array ()
         P(f' = 1) of a repair.
     completion : float array (8,)
     landings : tuple of tuple of int
@@ -113,15 +112,15 @@ class BellmanOperator:
         threat = threat_matrices(mission)[list(self.cells)]
         self.threat = self._array(mission.discount * threat)
         # Sums over t' in a fixed order, not a matrix product.
-        price = self.threat_price.T[:, None, None, :] * threat
-        self.price = self._array(mission.discount * (price[..., 0] + price[..., 1] + price[..., 2]))
+        none, low, high = np.moveaxis(self.threat_price.T[:, None, None] * threat, -1, 0)
+        self.price = self._array(mission.discount * (none + low + high))
         matrices = priority_matrices(mission)
         self.priorities = [self._array(matrices[j][None]) for j in sub.goals]
         failures = [failure_matrices(mission, agile) for agile in (False, True)]
         self.failures = self._array([[p[0, 1] for p in parts[::-1]] for parts in failures]).T
         self._keep = [range_matrix(mission, agile)[:, 1] for agile in (False, True)]
         self.loss = self._array([1 - keep[1] for keep in self._keep])
-        self.repair = self.dtype.type(mission.faults.repair_success)
+        self.repair = self._array(mission.faults.repair_success)
         self.completion = self._array(mission.faults.completion)
         self.hops = mission.grid.next_hops()
         destinations = [action.destination for action in sub.actions]
@@ -179,15 +178,14 @@ class BellmanOperator:
         if slot is not None:
             cost -= self._bonus(action, slot)
         cost[:, ~allowed] = np.inf
-        levels, faults = (hull(allowed.any(axis=axes)) for axes in ((1, 2), (0, 2)))
-        inside = np.ascontiguousarray(cost[:, levels, faults])
+        levels = hull(allowed.any(axis=(1, 2)))
+        inside = cost[:, levels].reshape(self.places, -1, self.columns)
         return Choice(
             action=action,
             arrivals=np.array(self._arrivals(action)),
             slot=slot,
             levels=levels,
-            faults=faults,
-            cost=self._array(inside.reshape(*inside.shape[:2], -1)),
+            cost=self._array(inside),
         )
 
     def _bonus(self, action: Action, slot: int) -> FloatArray:
@@ -269,7 +267,7 @@ class BellmanOperator:
         return values[self.locate(states)] + self.mode_cost(states)
 
 
-def hull(flags: NDArray[np.bool_]) -> slice:
+def hull(flags: ArrayLike) -> slice:
     """Smallest slice that holds all true flags; the whole where none is."""
     true = np.flatnonzero(flags)
-    return slice(int(true[0]), int(true[-1]) + 1) if true.size else slice(0, len(flags))
+    return slice(int(true[0]), int(true[-1]) + 1) if true.size else slice(0, np.size(flags))

@@ -52,7 +52,8 @@ class LookAhead:
         operator = self.operator
         place, row, column = operator.locate(states)
         if self.table is None:
-            expected = np.stack([self._expected(*at) for at in zip(place, row, column)])
+            sums = [self._expected(*at) for at in zip(place, row, column)]
+            expected: FloatArray = np.stack(sums)
         else:
             arrivals = self.arrivals[:, place].T
             expected = self.table[arrivals, row[:, None], column[:, None]]
@@ -64,22 +65,19 @@ class LookAhead:
         return operator.stage_cost(states)[:, None] + (costs + expected)
 
     def _costs(self) -> FloatArray:
-        """h - discount bonus, inf where not allowed, over (action, place, priority, (f, r))."""
+        """Cost h - discount bonus, inf where not allowed, over (action, place, g_j, (f, r))."""
         operator = self.operator
-        shape = len(operator.choices), operator.places, 3, 8, operator.columns // 8
+        shape = len(operator.choices), operator.places, 3, operator.columns
         costs = np.full(shape, np.inf, operator.dtype)
         for cost, choice in zip(costs, operator.choices):
-            inside = cost[:, choice.levels if choice.slot is not None else slice(None)]
-            inside = inside[:, :, choice.faults]
-            inside[...] = choice.cost.reshape(*choice.cost.shape[:2], *inside.shape[2:])
-        return costs.reshape(*shape[:3], operator.columns)
+            cost[:, choice.levels if choice.slot is not None else slice(None)] = choice.cost
+        return costs
 
     def _table(self) -> FloatArray:
         operator = self.operator
         expected, arrivals = Expected.empty(operator), Arrivals(operator, operator.rows)
-        run(FirstHalf(operator, operator.places, operator.columns).steps(
-            self.values, expected, 0, 0
-        ))
+        first_half = FirstHalf(operator, operator.places, operator.columns)
+        run(first_half.steps(self.values, expected, 0, 0))
         run(arrivals.steps(expected, 0))
         return arrivals.table
 

@@ -49,8 +49,9 @@ def check_memory(sub: SubMdp, dtype: DTypeLike, threads: int) -> None:
     needed, available = needed_bytes(sub, dtype, threads), available_bytes()
     if needed <= available:
         return
-    single = needed_bytes(sub, np.float32, threads)
-    instead = f"precision 'single' ({_size(single)}) or " if single < min(needed, available) else ''
+    single, instead = needed_bytes(sub, np.float32, threads), ''
+    if single < min(needed, available):
+        instead = f"precision 'single' ({_size(single)}) or "
     raise MissionSizeError(
         f'mission {sub.mission.name}: {sub.n} goals on {sub.mission.grid.q} cells make '
         f'{sub.states:,} states; the exact solution needs {_size(needed)} of memory, '

@@ -12,8 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from uav_mission_manager.solver.axes import FloatArray
 from uav_mission_manager.solver.submdp import SubMdp
+
+FloatArray = NDArray[np.float64]
 
 TIE = 1e-9
 """Actions within this of the minimum, relative to it, tie."""

@@ -128,12 +128,10 @@ class SecondHalf:
         varies = slot is not None and 3 * after <= self.rows
         levels = choice.levels if varies else slice(None)
         axes = (-1, 3, after) if varies else (1, 1, self.rows)
-        width = operator.columns // 8
-        columns = slice(choice.faults.start * width, choice.faults.stop * width)
 
         def box(table: NDArray[Any]) -> NDArray[Any]:
             split = table.reshape(operator.places, *axes, operator.columns)
-            return split[:, :, levels, :, columns]
+            return split[:, :, levels]
 
         cost = choice.cost[:, None, :, None, :]
         costs: list[FloatArray | None] = [cost]
@@ -207,7 +205,6 @@ class Sweeper:
 
     def _share(self, work: Callable[[int, T], R], blocks: Sequence[T]) -> list[R]:
         """Results of work(thread, block), shared among the threads."""
-
         queue = iter(blocks)
 
         def each(worker: int) -> list[R]:

@@ -8,8 +8,9 @@ adds at most e to each entry of T W, hence e/(1-gamma) to the bounds.
 
 Early sweeps need few digits. With mixed precision they run in float32, at half the cost, until
 d is spread no wider than rounding may be to blame for; the sweeps in float64 go on from there,
-and the bounds are theirs alone. The last precision's sweeps end at the latest when the spread
-shrinks by less than the discount, which exact arithmetic guarantees. Other ways to fewer or cheaper sweeps were measured (docs/benchmarks.md) and gain less.
+and the bounds are theirs alone. The sweeps of the last precision end at the latest when the
+spread shrinks by less than the discount, which exact arithmetic guarantees. Other ways to fewer
+or cheaper sweeps were measured (docs/benchmarks.md) and gain less.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ PRECISIONS: dict[str, tuple[Any, ...]] = {
 }
 """Floating types of the sweeps: mixed is the fast way to float64, double the plain one."""
 
-MIXED = 1 << 14
+MIXED = 1 << 13
 """Entries of W from which float32 sweeps pay."""
 
 
@@ -112,7 +113,7 @@ def value_iteration(
     Raises
     ------
     ValueError
-        If tolerance or max_iterations is not above 0, or there is no such precision.
+        If tolerance, max_iterations or threads is not above 0, or no such precision exists.
     MissionSizeError
         If the memory does not suffice.
     """
@@ -120,9 +121,11 @@ def value_iteration(
         raise ValueError(
             f'tolerance {tolerance} and max_iterations {max_iterations} must be above 0'
         )
+    if threads is not None and threads < 1:
+        raise ValueError(f'threads {threads} must be above 0')
     if precision not in PRECISIONS:
         raise ValueError(f'precision {precision!r} is none of {", ".join(PRECISIONS)}')
-    threads = threads or processors()
+    threads = processors() if threads is None else threads
     check_memory(sub, PRECISIONS[precision][-1], threads)
     iterations, values = start or (0, None)
 
@@ -148,9 +151,7 @@ def value_iteration(
 class _Run:
     """Sweeps in one floating type."""
 
-    def __init__(
-        self, sub: SubMdp, dtype: Any, values: FloatArray | None, threads: int
-    ) -> None:
+    def __init__(self, sub: SubMdp, dtype: Any, values: FloatArray | None, threads: int) -> None:
         self.operator = BellmanOperator(sub, dtype)
         self.gain = sub.mission.discount / (1 - sub.mission.discount)
         start = self.operator.zero() if values is None else values.astype(dtype)
