@@ -119,7 +119,7 @@ class Policy:
         tables = [look_ahead.q_values(rows) for look_ahead in self._look_aheads]
         subs = [solution.sub for solution in self.solutions]
         q = METHODS[self.method].recombine(subs, rows, tables)
-        return np.where(self._whole.allowed_in(rows), q, np.inf)
+        return q if subs == [self._whole] else np.where(self._whole.allowed_in(rows), q, np.inf)
 
     def act(self, states: ArrayLike) -> NDArray[np.int64]:
         """Action numbers from 1 for states (N, 2k+5), shape (N,). Raises `StateError`."""
