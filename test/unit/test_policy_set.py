@@ -88,7 +88,7 @@ def test_flipped_bits_of_the_manifest(copy):
             assert refusal(copy).startswith(f'{manifest}: ')
 
 
-@pytest.mark.parametrize('name', ['0_free', '0_on_site', '1_free', '1_on_site'])
+@pytest.mark.parametrize('name', ['0_value', '1_value'])
 def test_flipped_bits_of_an_array(copy, name):
     file = copy / f'{name}.npy'
     good = file.read_bytes()
@@ -101,7 +101,7 @@ def test_flipped_bits_of_an_array(copy, name):
     load_policy(copy)
 
 
-@pytest.mark.parametrize('name', ['manifest.json', '0_free.npy', '1_on_site.npy'])
+@pytest.mark.parametrize('name', ['manifest.json', '0_value.npy', '1_value.npy'])
 def test_truncated_empty_or_missing_file(copy, name):
     file = copy / name
     good = file.read_bytes()
@@ -129,7 +129,7 @@ def forge(directory, change):
 
 
 FORGERIES = {
-    'schema': lambda m: m.update(schema=2),
+    'schema': lambda m: m.update(schema=1),
     'no schema': lambda m: m.pop('schema'),
     'mission_sha256': lambda m: m.update(mission_sha256='0' * 64),
     'changed mission': lambda m: m['mission'].update(discount=0.9),
@@ -139,10 +139,10 @@ FORGERIES = {
     'no sub-MDPs': lambda m: m.update(sub_mdps=[]),
     'unknown goal': lambda m: m['sub_mdps'][0].update(goals=['elsewhere']),
     'unknown action': lambda m: m['sub_mdps'][0].update(actions=[1, 99]),
-    'no such file': lambda m: m['sub_mdps'][1]['arrays']['free'].update(file='2_free.npy'),
-    'no hash': lambda m: m['sub_mdps'][0]['arrays']['free'].pop('sha256'),
-    'arrays swapped': lambda m: m['sub_mdps'][0].update(
-        arrays=dict(zip(('free', 'on_site'), reversed(m['sub_mdps'][0]['arrays'].values())))),
+    'no such file': lambda m: m['sub_mdps'][1]['arrays']['value'].update(file='2_value.npy'),
+    'no hash': lambda m: m['sub_mdps'][0]['arrays']['value'].pop('sha256'),
+    'array of another kind': lambda m: m['sub_mdps'][0]['arrays'].update(
+        actions=m['sub_mdps'][0]['arrays']['value']),
     'sub-MDP of other goals': lambda m: m['sub_mdps'][0].update(goals=['goal1', 'goal2']),
 }
 
@@ -191,7 +191,7 @@ def assert_not_overwritten(policy, place):
 
 
 @pytest.mark.parametrize('files', [
-    ['thesis.txt'], ['0_free.npy'], ['manifest.json', 'thesis.txt'], ['sub/manifest.json']])
+    ['thesis.txt'], ['0_value.npy'], ['manifest.json', 'thesis.txt'], ['sub/manifest.json']])
 def test_what_is_no_policy_set_is_not_overwritten(policy, tmp_path, files):
     place = tmp_path / 'p'
     for name in files:
@@ -210,11 +210,11 @@ def test_a_file_or_below_a_file_is_no_place(policy, tmp_path):
 
 
 def test_saving_replaces_a_set_sound_or_broken(policy, copy):
-    (copy / '0_free.npy').unlink()
+    (copy / '0_value.npy').unlink()
     policy.save(copy)
     assert load_policy(copy).method == 'exact'
     assert sorted(path.name for path in copy.iterdir()) == [
-        '0_free.npy', '0_on_site.npy', 'manifest.json']
+        '0_value.npy', 'manifest.json']
     assert list(copy.parent.iterdir()) == [copy]
 
 
@@ -228,15 +228,13 @@ def test_saving_makes_the_folders_above_and_takes_an_empty_one(policy, tmp_path)
 @pytest.mark.parametrize('failure', [OSError('disk full'), KeyboardInterrupt()], ids=repr)
 def test_failed_save_leaves_the_old_set_and_nothing_else(policy, copy, monkeypatch, failure):
     before = contents(copy)
-    save, calls = np.save, []
+    save = np.save
 
-    def fail_at_the_second(*arguments, **options):
-        calls.append(arguments)
-        if len(calls) == 2:
-            raise failure
+    def save_and_fail(*arguments, **options):
         save(*arguments, **options)
+        raise failure
 
-    monkeypatch.setattr(np, 'save', fail_at_the_second)
+    monkeypatch.setattr(np, 'save', save_and_fail)
     with pytest.raises((PolicyError, KeyboardInterrupt)) as error:
         policy.save(copy)
     assert isinstance(error.value, KeyboardInterrupt) or 'disk full' in str(error.value)

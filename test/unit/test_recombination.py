@@ -12,7 +12,7 @@ from strategies import case_study, missions, pick_states
 
 from uav_mission_manager import build_policy
 from uav_mission_manager.mdp import StateSpace, mission_from_dict
-from uav_mission_manager.solver import BellmanOperator, choose
+from uav_mission_manager.solver import BellmanOperator, LookAhead, choose
 
 
 def one_goal(document, j, share):
@@ -78,7 +78,7 @@ def reference_tables(document, method, states):
 
 def package_tables(policy, states):
     return [
-        BellmanOperator(solution.sub).look_ahead(solution.value).q_values(states)
+        LookAhead(BellmanOperator(solution.sub), solution.value).q_values(states)
         for solution in policy.solutions]
 
 
