@@ -56,15 +56,16 @@ class Checkpoint:
             return None
         try:
             with np.load(self.file, allow_pickle=False) as content:
-                if str(content['key']) != self.key:
-                    raise PolicyError(
-                        f'{self.file}: key: is of another mission, method or precision; delete it'
-                    )
-                if int(content['position']) != position:
-                    return None
-                return int(content['sweeps']), content['values']
-        except (OSError, KeyError, BadZipFile) as error:
+                key, *progress = (content[name] for name in ('key', 'position', 'sweeps'))
+                values = content['values']
+        except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
             raise PolicyError(f'{self.file}: cannot be read: {error}') from error
+        if str(key) != self.key:
+            raise PolicyError(
+                f'{self.file}: key: is of another mission, method or precision; delete it'
+            )
+        reached, sweeps = map(int, progress)
+        return (sweeps, values) if reached == position else None
 
     def save(self, position: int, sweeps: int, values: NDArray[Any]) -> None:
         """Write the file if it is time. Raises `PolicyError`."""
