@@ -42,6 +42,7 @@ lint: $(READY)
 	$(RUN) -m mypy
 
 bench: $(READY)
+	@$(INSTALL) -r requirements-bench.txt
 	@set -e; for script in $(wildcard benchmarks/*.py); do \
 	  echo "$$script"; PYTHONPATH="$(CURDIR)$${PYTHONPATH:+:$$PYTHONPATH}" $(RUN) "$$script" $(ARGS); \
 	done

@@ -61,8 +61,9 @@ class Choice:
         Goal whose priority the cost below depends on.
     levels : slice
         Priorities of that goal outside which it is allowed nowhere.
-    cost : float array (places, levels, 8 * 2^n)
-        h - discount bonus; inf where not allowed.
+    cost : float array (places, 3, 8 * 2^n)
+        h - discount bonus over its priority; inf where not allowed. (places, 1, 8 * 2^n) where
+        there is no such goal.
     """
 
     action: Action
@@ -160,7 +161,7 @@ class BellmanOperator:
         mission, sub = self.sub.mission, self.sub
         faults = sub.share * np.array(mission.faults.cost)
         cost = np.zeros((3**sub.n, 8, 2**sub.n)) + faults[:, None]
-        for j, r, g in zip(sub.goals, sub.flags(), sub.priorities()):
+        for j, r, g in zip(sub.goals, sub.flags, sub.priorities):
             goal = mission.goals[j]
             by_level = goal.eta * r + goal.delta * (1 - r)
             cost += g[:, None, None] * by_level + mission.range.cost / mission.k * (1 - r)
@@ -178,14 +179,12 @@ class BellmanOperator:
         if slot is not None:
             cost -= self._bonus(action, slot)
         cost[:, ~allowed] = np.inf
-        levels = hull(allowed.any(axis=(1, 2)))
-        inside = cost[:, levels].reshape(self.places, -1, self.columns)
         return Choice(
             action=action,
             arrivals=np.array(self._arrivals(action)),
             slot=slot,
-            levels=levels,
-            cost=self._array(inside),
+            levels=hull(allowed.any(axis=(1, 2))),
+            cost=self._array(cost.reshape(self.places, -1, self.columns)),
         )
 
     def _bonus(self, action: Action, slot: int) -> FloatArray:
@@ -197,7 +196,7 @@ class BellmanOperator:
         goal = sub.mission.goals[sub.goals[slot]]
         matrix = np.array(goal.priority_transition)
         g = goal.eta * (matrix[:, 1] + 2 * matrix[:, 2])
-        r = self._keep[action.agile][sub.flags()[slot]]
+        r = self._keep[action.agile][sub.flags[slot]]
         bonus = np.empty((self.places, 3, 8, 2**sub.n))
         bonus[:] = sub.mission.discount * g[:, None, None] * r
         bonus[self.q :] *= 1 - np.array(sub.mission.faults.completion)[:, None]

@@ -36,7 +36,8 @@ class LookAhead:
         choices = operator.choices
         self.arrivals = np.stack([choice.arrivals for choice in choices])
         self.slots = np.array([0 if choice.slot is None else choice.slot for choice in choices])
-        self.costs = self._costs()
+        costs = [np.repeat(c.cost, 3 // c.cost.shape[1], axis=1) for c in choices]
+        self.costs = np.stack(costs)
         self.sites = [site for sites in operator.sites for site in sites]
         self.table: FloatArray | None = None
         if self.tabulates(operator.sub):
@@ -63,15 +64,6 @@ class LookAhead:
         actions = np.arange(len(self.slots))
         costs = self.costs[actions, place[:, None], levels, column[:, None]]
         return operator.stage_cost(states)[:, None] + (costs + expected)
-
-    def _costs(self) -> FloatArray:
-        """Cost h - discount bonus, inf where not allowed, over (action, place, g_j, (f, r))."""
-        operator = self.operator
-        shape = len(operator.choices), operator.places, 3, operator.columns
-        costs = np.full(shape, np.inf, operator.dtype)
-        for cost, choice in zip(costs, operator.choices):
-            cost[:, choice.levels if choice.slot is not None else slice(None)] = choice.cost
-        return costs
 
     def _table(self) -> FloatArray:
         operator = self.operator

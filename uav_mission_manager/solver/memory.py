@@ -14,6 +14,9 @@ from uav_mission_manager.solver.sweep import BLOCK
 SCRATCH = 24 * BLOCK
 """Entries of a thread's scratch, about."""
 
+SMALL = 1 << 26
+"""Bytes that any machine has; asking how many there are takes longer than a small solve."""
+
 
 class MissionSizeError(ValueError):
     """A mission whose exact solution does not fit; the message says what to use instead."""
@@ -46,8 +49,8 @@ def available_bytes() -> int:
 
 def check_memory(sub: SubMdp, dtype: DTypeLike, threads: int) -> None:
     """Raise `MissionSizeError` where value iteration in this floating type does not fit."""
-    needed, available = needed_bytes(sub, dtype, threads), available_bytes()
-    if needed <= available:
+    needed = needed_bytes(sub, dtype, threads)
+    if needed <= SMALL or needed <= (available := available_bytes()):
         return
     single, instead = needed_bytes(sub, np.float32, threads), ''
     if single < min(needed, available):

@@ -71,11 +71,11 @@ class SubMdp:
         if action.kind == 'commit':
             allowed &= (np.array(mission.faults.completion) > 0)[:, None]
             if slot is not None:
-                allowed &= self.flags()[slot] == 1
+                allowed &= self.flags[slot] == 1
                 allowed[0] = False
         elif action.kind == 'recharge':
             if self.n == mission.k:
-                allowed &= (self.flags() == 0).any(axis=0)
+                allowed &= (self.flags == 0).any(axis=0)
         else:
             allowed[:, 0] = False
         return allowed
@@ -106,10 +106,12 @@ class SubMdp:
     def _allowed(self) -> list[NDArray[np.bool_]]:
         return [self.allowed(action) for action in self.actions]
 
+    @cached_property
     def flags(self) -> NDArray[np.int64]:
         """r_j for every joint range flag, shape (n, 2^n)."""
         return np.indices((2,) * self.n).reshape(self.n, 2**self.n)
 
+    @cached_property
     def priorities(self) -> NDArray[np.int64]:
         """g_j for every joint priority, shape (n, 3^n)."""
         return np.indices((3,) * self.n).reshape(self.n, 3**self.n)

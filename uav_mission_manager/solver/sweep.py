@@ -40,12 +40,12 @@ class _Candidate:
     look_up : Step
         Writes E of its arrivals from all places.
     box : callable
-        View of where it is allowed.
+        View that holds all rows where it is allowed.
     q : float array
         Its Q there, less b, once its `costs` are added.
     costs : list of float array or None
         One for each priority that the block may lie in, None where the action is not allowed
-        in it; a single one where the priority varies within the block.
+        in it; a single one where the priority varies within the block or does not matter.
     after : int
         Rows to the next priority.
     """
@@ -54,7 +54,7 @@ class _Candidate:
     look_up: Step
     box: Callable[[NDArray[Any]], NDArray[Any]]
     q: FloatArray
-    costs: list[FloatArray | None]
+    costs: Sequence[FloatArray | None]
     after: int
 
 
@@ -126,19 +126,23 @@ class SecondHalf:
         operator, slot = self.operator, choice.slot
         after = 1 if slot is None else self.arrivals.after[slot]
         varies = slot is not None and 3 * after <= self.rows
+        digits = (-1, 3, after) if varies else (1, 1, self.rows)
+        axes = operator.places, *digits, operator.columns
         levels = choice.levels if varies else slice(None)
-        axes = (-1, 3, after) if varies else (1, 1, self.rows)
+        cost = choice.cost[:, None, :, None, :]
+        look_up = gather(self.arrivals.table, choice.arrivals, self.q)
 
         def box(table: NDArray[Any]) -> NDArray[Any]:
-            split = table.reshape(operator.places, *axes, operator.columns)
-            return split[:, :, levels]
+            return table.reshape(axes)[:, :, levels]
 
-        cost = choice.cost[:, None, :, None, :]
-        costs: list[FloatArray | None] = [cost]
+        if self.rows == operator.rows:  # Small: what is in one piece is faster than a part.
+            split = self.q.reshape(axes)
+            whole = np.broadcast_to(cost, split.shape).reshape(self.q.shape)
+            return _Candidate(choice.action.number, look_up, np.asarray, self.q, [whole], after)
+        costs: list[FloatArray | None] = [cost[:, :, levels]]
         if slot is not None and not varies:
-            costs = [None] * 3
-            costs[choice.levels] = [cost[:, :, [i]] for i in range(cost.shape[2])]
-        look_up = gather(self.arrivals.table, choice.arrivals, self.q)
+            within = range(3)[choice.levels]
+            costs = [cost[:, :, [level]] if level in within else None for level in range(3)]
         return _Candidate(choice.action.number, look_up, box, box(self.q), costs, after)
 
 

@@ -36,7 +36,7 @@ PRECISIONS: dict[str, tuple[Any, ...]] = {
 }
 """Floating types of the sweeps: mixed is the fast way to float64, double the plain one."""
 
-MIXED = 1 << 13
+MIXED = 1 << 14
 """Entries of W from which float32 sweeps pay."""
 
 
