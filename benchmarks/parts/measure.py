@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from parts.alternatives import ALTERNATIVES, Counted
+from parts.compiled import compiled
 from parts.explicit import explicit
 from parts.machine import machine
 from parts.missions import case_study
@@ -55,6 +56,7 @@ def measure(what: str, arguments: dict[str, Any]) -> dict[str, Any]:
         'goal wise': goal_wise,
         'alternatives': alternatives,
         'machine': machine,
+        'compiled': compiled,
     }[what](**arguments)
 
 

@@ -43,8 +43,9 @@ from uav_mission_manager.solver.submdp import SubMdp
 GROUND = ('none', 'recharge', 'repair')
 """The arrivals on the ground: `none` on base, the others on the service cell."""
 
-ROUNDINGS_A_GOAL, ROUNDINGS = 8, 32
-"""Roundings in one backup of an entry, at most: 4 an axis, 16 for costs, completion, change."""
+ROUNDINGS_A_GOAL, ROUNDINGS = 12, 44
+"""Errors of half an ulp of the largest entry in one backup, at most: 5 for t, 4 for each g_j, 8
+for each r_j, each part that fails and completion, 7 for costs, change and shift."""
 
 
 @dataclass(frozen=True)

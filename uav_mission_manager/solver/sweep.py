@@ -181,13 +181,13 @@ class Sweeper:
                 self.whole += self.second[0].steps(self.values, self.expected, 0)
             run(self.whole)
             return self.second[0].change()
-        self._expect()
+        self.expect()
         lows, highs = zip(*self._share(self._back_up, self.row_blocks))
         return min(lows), max(highs)
 
     def greedy(self) -> NDArray[np.uint8]:
         """Numbers of the actions of least Q in W, shape as W."""
-        self._expect()
+        self.expect()
         numbers = np.empty(self.values.shape, np.uint8)
 
         def choose(worker: int, first: int) -> None:
@@ -196,7 +196,9 @@ class Sweeper:
         self._share(choose, self.row_blocks)
         return numbers
 
-    def _expect(self) -> None:
+    def expect(self) -> None:
+        """Take the expectation of W over t' and g', the first half of a backup."""
+
         def fill(worker: int, block: tuple[int, int]) -> None:
             run(self.first[worker].steps(self.values, self.expected, *block))
 
