@@ -26,7 +26,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--goals', type=int, default=6, help='most goals; default: %(default)s')
     parser.add_argument('--repeats', type=int, default=5, help='of each; default: %(default)s')
-    parser.add_argument('--timeout', type=float, default=300, help='of each peer [s]')
+    parser.add_argument('--timeout', type=float, default=120, help='of each peer [s]')
     parser.add_argument('--measure', help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.measure:
