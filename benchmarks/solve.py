@@ -24,7 +24,13 @@ DOCS = Path(__file__).resolve().parents[1] / 'docs'
 def main() -> int:
     """Run the benchmark."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--goals', type=int, default=6, help='most goals; default: %(default)s')
+    parser.add_argument(
+        '--goals',
+        type=int,
+        choices=range(4, 9),
+        default=6,
+        help='most goals, 4 to 8; default: %(default)s',
+    )
     parser.add_argument('--repeats', type=int, default=5, help='of each; default: %(default)s')
     parser.add_argument('--timeout', type=float, default=120, help='of each peer [s]')
     parser.add_argument('--measure', help=argparse.SUPPRESS)

@@ -192,7 +192,7 @@ processor:
 A sweep needs some 100 elementwise operations an entry by its nature: 5 for each g_j and for t,
 1.5 in each mode for each r_j and each part that can fail, and the minimum over the actions. What
 is beyond that goes to transposing blocks, to short runs and, below three goals, to the calls
-themselves. Products with fused axes would take a third off a sweep's expectations, by sums
+themselves. Products with fused axes would take something off a sweep's expectations, by sums
 whose order differs from one BLAS to the next: policy sets would no longer have the same bytes
 everywhere, which the elementwise operations give (numpy 1.26 to 2.4, with and without AVX-512).
 
@@ -233,15 +233,15 @@ Sweeps, or products with one policy's transitions, until the bounds meet the tol
 
 {_table(head, rows)}
 
-The bounds need only the spread of the change to vanish, and that shrinks by 0.61 to 0.64 a
-sweep, not by the discount of 0.95. Modified policy iteration makes no fewer sweeps, and spares
-only the minimum, a quarter of a sweep: the expectations are shared by all actions, so one policy
+The bounds need only the spread of the change to vanish, and that shrinks faster
+than the discount guarantees. Modified policy iteration makes no fewer sweeps, and spares
+only the minimum: the expectations are shared by all actions, so one policy
 costs as many. Gauss-Seidel orders lose the bounds, for they do not pass a constant on evenly.
 Krylov methods and Chebyshev polynomials meet complex eigenvalues (the UAV flies in rounds).
-Anderson acceleration saves a tenth to a third of the sweeps, but for three goals and more hardly
+Anderson acceleration saves sweeps, but for three goals and more hardly
 what its own tables and sums cost, and it triples the memory. Starting from the sum of smaller
-missions (goal expansion of order 2) saves 10 to 13 of the early, cheap sweeps and costs as much.
-Mixed precision gains a tenth to a fifth of the time for hardly any code, and is kept."""
+missions (goal expansion of order 2) saves some of the early, cheap sweeps and costs as much.
+Mixed precision gains what the first table shows for hardly any code, and is kept."""
 
 
 def _fit(found: Found) -> tuple[float, float]:
