@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from brute_force import BruteForce, solve
+from brute_force import BruteForce, evaluate, matrices, solve
 from hypothesis import given, settings
 from strategies import case_study, missions, pick_states
 
@@ -14,6 +14,7 @@ from uav_mission_manager import build_policy
 from uav_mission_manager.mdp import StateSpace, mission_from_dict
 from uav_mission_manager.solver import (
     BellmanOperator,
+    LookAhead,
     choose,
     goal_sub_mdps,
     value_iteration,
@@ -55,6 +56,23 @@ def test_stops_once_within_the_tolerance(one_goal, tolerance):
     assert np.abs(exact - state_values(solution, states)).max() <= tolerance + 1e-9
     before = value_iteration(sub, tolerance, max_iterations=solution.iterations - 1)
     assert not before.converged
+
+
+@pytest.mark.parametrize('sweeps', [1, 3, 10])
+def test_the_greedy_policy_loses_no_more_than_its_bound(one_goal, sweeps):
+    sub, states, exact = one_goal
+    model = BruteForce(case_study(1))
+    solution = value_iteration(sub, 1e-300, max_iterations=sweeps)
+    look_ahead = LookAhead(BellmanOperator(sub), solution.value)
+    action = choose(look_ahead.q_values(states)) - 1
+    costs, rows, row_of = matrices(model)
+    everyone = np.arange(len(states))
+    followed = evaluate(costs[everyone, action], rows, row_of[everyone, action],
+                        sub.mission.discount)
+    loss = followed - exact
+    assert loss.min() >= -1e-9
+    assert loss.max() <= solution.policy_loss_bound
+    assert sweeps > 1 or loss.max() > 1e-3  # After one sweep the policy is not optimal yet.
 
 
 @settings(max_examples=15, deadline=None)

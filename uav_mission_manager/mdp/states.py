@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,8 +81,3 @@ class StateSpace:
         rows = np.stack(np.unravel_index(chosen, self.shape), axis=-1).astype(np.int64)
         rows[..., 0] += 1
         return rows
-
-    def columns(self, rows: IntArray, goals: Sequence[int]) -> tuple[IntArray, IntArray]:
-        """Columns r and g of the given goals (counted from 0), each of shape (N, len(goals))."""
-        chosen = np.asarray(goals, dtype=np.intp)
-        return rows[:, 1 + chosen], rows[:, 1 + self.k + chosen]

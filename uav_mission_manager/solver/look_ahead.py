@@ -46,7 +46,7 @@ class LookAhead:
     @staticmethod
     def tabulates(sub: SubMdp) -> bool:
         """Whether tables are kept for a sub-MDP."""
-        return (sub.mission.grid.q + sub.n) * 24 * 6**sub.n <= TABLES
+        return sub.entries <= TABLES
 
     def q_values(self, states: NDArray[np.int64]) -> NDArray[np.float64]:
         """Q(s, a) of global states (N, 2k+5), shape (N, actions); inf where not allowed."""

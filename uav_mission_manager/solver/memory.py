@@ -25,7 +25,7 @@ class MissionSizeError(ValueError):
 def needed_bytes(sub: SubMdp, dtype: DTypeLike, threads: int) -> int:
     """Memory that value iteration needs for W, its expectation and b."""
     q, n = sub.mission.grid.q, sub.n
-    table = 3 * 3**n * 8 * 2**n
+    table = sub.entries // (q + n)
     # A goal's cell has four neighbours and itself to go on from, with a third of the entries.
     landings = n * min(5, q) / 3
     entries = table * (2 * (q + n) + landings + 2 / 3) + threads * SCRATCH

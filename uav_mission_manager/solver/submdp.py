@@ -52,6 +52,11 @@ class SubMdp:
         """Number of states: 8 * 2^n * 3^n * q * (n+1) * 3 * 2."""
         return 8 * 6**self.n * self.mission.grid.q * (self.n + 1) * 6
 
+    @property
+    def entries(self) -> int:
+        """Number of unknowns: q cells and n goals' sites, times 3 * 8 * 2^n * 3^n."""
+        return (self.mission.grid.q + self.n) * 24 * 6**self.n
+
     def slot(self, action: Action) -> int | None:
         """Position in `goals` of the goal an action commits to, None where it tracks none."""
         goal = action.goal - 1

@@ -117,14 +117,7 @@ def value_iteration(
     MissionSizeError
         If the memory does not suffice.
     """
-    if not tolerance > 0 or max_iterations < 1:
-        raise ValueError(
-            f'tolerance {tolerance} and max_iterations {max_iterations} must be above 0'
-        )
-    if threads is not None and threads < 1:
-        raise ValueError(f'threads {threads} must be above 0')
-    if precision not in PRECISIONS:
-        raise ValueError(f'precision {precision!r} is none of {", ".join(PRECISIONS)}')
+    _check(tolerance, max_iterations, precision, threads)
     threads = processors() if threads is None else threads
     check_memory(sub, PRECISIONS[precision][-1], threads)
     iterations, values = start or (0, None)
@@ -146,6 +139,17 @@ def value_iteration(
             low, high = run.sweep(tolerance, report, last=dtype is PRECISIONS[precision][-1])
             values = run.sweeper.values
     return run.solution(low, high, iterations, tolerance, with_actions)
+
+
+def _check(tolerance: float, max_iterations: int, precision: str, threads: int | None) -> None:
+    if not tolerance > 0 or max_iterations < 1:
+        raise ValueError(
+            f'tolerance {tolerance} and max_iterations {max_iterations} must be above 0'
+        )
+    if threads is not None and threads < 1:
+        raise ValueError(f'threads {threads} must be above 0')
+    if precision not in PRECISIONS:
+        raise ValueError(f'precision {precision!r} is none of {", ".join(PRECISIONS)}')
 
 
 class _Run:
@@ -204,7 +208,6 @@ def processors() -> int:
 def _types(sub: SubMdp, precision: str, values: FloatArray | None) -> tuple[Any, ...]:
     """Floating types still to sweep in."""
     types = PRECISIONS[precision]
-    entries = (sub.mission.grid.q + sub.n) * 24 * 6**sub.n
     if values is not None:
         return types[types.index(values.dtype.type) :]
-    return types if entries >= MIXED else types[-1:]
+    return types if sub.entries >= MIXED else types[-1:]

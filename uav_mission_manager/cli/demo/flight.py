@@ -11,7 +11,6 @@ from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import BatteryState
 from std_msgs.msg import String
 
 from uav_mission_manager.autopilot.link import mavlink, mavutil
@@ -39,8 +38,8 @@ class Flight(Node):
     ----------
     command, state : str, tuple of int
         The manager's last decision.
-    cell, charge, fault : int, float, str
-        Where the vehicle is, its charge (0 to 1) and fault mode.
+    cell, fault : int, str
+        Where the vehicle is, and its fault mode.
     armed : bool
     asked, completed : set of str, list of str
         Goals asked for and, in order, achieved.
@@ -50,7 +49,7 @@ class Flight(Node):
         super().__init__('demo', namespace=NAMESPACE)
         self.mission, self.view = mission, view
         self.command, self.state, self.fault = '', (), ''
-        self.cell, self.charge, self.armed = -1, float('nan'), False
+        self.cell, self.armed = -1, False
         self.position = (float('nan'), float('nan'), float('nan'))
         self.phase = ''
         self.asked: set[str] = set()
@@ -58,6 +57,7 @@ class Flight(Node):
         self.threat = Threat()
         self._crew = mavutil.mavlink_connection(crew_connection, source_system=255)
         self._injections: dict[str, float] = {}
+        self._next_injection = 0.0
         self._priorities: list[int] | None = None
         self._threat_out = self.create_publisher(String, 'threat_level', qos.STATE_IN)
         self._station = self.create_client(SetParameters, 'base_station/set_parameters')
@@ -72,7 +72,6 @@ class Flight(Node):
         listen(DiagnosticArray, 'manager/decision', self._on_decision, qos.LATCHED)
         listen(DiagnosticArray, '/diagnostics', self._on_diagnostics, qos.RELIABLE)
         listen(Odometry, 'odom', self._on_odom, qos.SENSOR)
-        listen(BatteryState, 'battery_state', self._on_battery, qos.SENSOR)
         listen(String, 'fault_mode', self._on_fault, qos.STATE_IN)
         listen(String, 'goal_completed', self._on_completed, qos.EVENT)
 
@@ -160,9 +159,6 @@ class Flight(Node):
         position = message.pose.pose.position
         self.position = (position.x, position.y, position.z)
         self.cell = self.mission.grid.cell_at(position.x, position.y)
-
-    def _on_battery(self, message: BatteryState) -> None:
-        self.charge = message.percentage
 
     def _on_fault(self, message: String) -> None:
         if message.data != self.fault:
