@@ -180,7 +180,7 @@ def test_a_mission_too_large_is_refused_before_anything_is_allocated(monkeypatch
     assert len(text.splitlines()) == 1
     assert f'{8 * 6**14 * 8 * 15 * 6:,} states' in text
     assert 'GiB' in text
-    assert text.endswith("use method 'split'")
+    assert text.endswith("use method 'expansion'")
 
 
 def test_single_precision_is_named_where_it_would_fit(monkeypatch):

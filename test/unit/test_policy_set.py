@@ -14,7 +14,7 @@ from strategies import CASE_STUDY, case_study, missions, pick_states
 from uav_mission_manager import build_policy, load_mission, load_policy
 from uav_mission_manager.mdp import mission_from_dict
 from uav_mission_manager.paths import share_directory
-from uav_mission_manager.policy import METHODS, PolicyError
+from uav_mission_manager.policy import NAMES, PolicyError
 
 SHIPPED = share_directory() / 'policies' / 'case_study'
 
@@ -51,7 +51,7 @@ def test_shipped_set_is_the_exact_policy_of_the_shipped_mission(tmp_path):
     assert sum(map(len, shipped.values())) < 5e6
 
 
-@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('method', NAMES)
 def test_loaded_is_saved(method, tmp_path):
     saved = build_policy(mission_from_dict(case_study(), 'test'), method)
     saved.save(tmp_path / 'p')

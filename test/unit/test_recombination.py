@@ -15,16 +15,16 @@ from uav_mission_manager.mdp import StateSpace, mission_from_dict
 from uav_mission_manager.solver import BellmanOperator, LookAhead, choose
 
 
-def one_goal(document, j, share):
+def one_goal(document, j, share, way=1):
     """Mission of goal j (from 1) alone with its share of the common costs and the whole's k."""
     alone, k = copy.deepcopy(document), len(document['goals'])
     alone['goals'] = [alone['goals'][j - 1]]
     alone['range']['cost'] /= k
-    alone['distance_weight'] *= share
+    alone['distance_weight'] *= share * way
     alone['faults']['cost'] = [cost * share for cost in alone['faults']['cost']]
     alone['threat']['cost'] = [[c * share for c in row] for row in alone['threat']['cost']]
     service = document.get('service_cost', {})
-    alone['service_cost'] = {kind: cost * share for kind, cost in service.items()}
+    alone['service_cost'] = {kind: cost * share * way for kind, cost in service.items()}
     return alone
 
 
@@ -32,7 +32,7 @@ class GoalSubMdp(BruteForce):
     """The paper's sub-MDP: a mission of one goal, but whether all are in range it cannot see."""
 
     def __init__(self, document, j):
-        super().__init__(one_goal(document, j, 1.0))
+        super().__init__(one_goal(document, j, 1.0, way=0))
 
     def allowed(self, state, action):
         return self.effect(action)[0] == 'recharge' or super().allowed(state, action)
@@ -117,7 +117,7 @@ def test_sub_mdp_is_the_one_goal_mission_where_every_action_is_allowed():
     for feasibility, same in (('seed', True), ('strict', False)):
         document = case_study(feasibility=feasibility)
         q = solve(GoalSubMdp(document, 2)).q
-        alone = solve(BruteForce(one_goal(document, 2, 1.0))).q
+        alone = solve(BruteForce(one_goal(document, 2, 1.0, way=0))).q
         assert np.array_equal(q, alone) == same
 
 

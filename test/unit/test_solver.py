@@ -157,7 +157,7 @@ def test_what_a_decision_says():
 
 
 def test_no_such_method():
-    with pytest.raises(ValueError, match="'magic' is none of exact, split"):
+    with pytest.raises(ValueError, match="'magic' is none of exact, expansion, split"):
         build_policy(mission_from_dict(case_study(1), 'test'), 'magic')
 
 

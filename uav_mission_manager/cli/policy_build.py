@@ -14,8 +14,8 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemaining
 
 from uav_mission_manager.cli.errors import one_line_errors
 from uav_mission_manager.mdp import load_mission
-from uav_mission_manager.policy import METHODS, Checkpoint, Policy, build_policy
-from uav_mission_manager.solver import PRECISIONS
+from uav_mission_manager.policy import NAMES, ORDER, Checkpoint, Policy, build_policy
+from uav_mission_manager.solver import FIT_TOLERANCE, PRECISIONS
 
 
 def main(args: list[str] | None = None) -> int:
@@ -25,7 +25,19 @@ def main(args: list[str] | None = None) -> int:
     )
     parser.add_argument('mission', help='mission file (YAML)')
     parser.add_argument('--out', required=True, help='directory of the policy set')
-    parser.add_argument('--method', choices=METHODS, default='exact', help='default: %(default)s')
+    parser.add_argument('--method', choices=NAMES, default='exact', help='default: %(default)s')
+    parser.add_argument(
+        '--order',
+        type=int,
+        default=ORDER,
+        help='expansion: most goals looked at together in fine; default: %(default)s',
+    )
+    parser.add_argument(
+        '--max-states',
+        type=int,
+        metavar='T',
+        help='expansion: most states of a cluster of goals; default: those of ORDER goals',
+    )
     parser.add_argument(
         '--tolerance',
         type=float,
@@ -80,10 +92,12 @@ def _solve(options: argparse.Namespace) -> Policy:
             mission,
             options.method,
             options.tolerance,
-            _bar(progress, options.tolerance),
+            _bar(progress, options),
             precision=options.precision,
             threads=options.jobs,
             checkpoint=checkpoint,
+            order=options.order,
+            max_states=options.max_states,
         )
     policy.save(options.out)
     if checkpoint is not None:
@@ -91,8 +105,10 @@ def _solve(options: argparse.Namespace) -> Policy:
     return policy
 
 
-def _bar(progress: Progress, tolerance: float) -> Callable[[int, int, float], None]:
-    """Progress of each sub-MDP's bound, on a logarithmic scale."""
+def _bar(progress: Progress, options: argparse.Namespace) -> Callable[[int, int, float], None]:
+    """Progress of each sub-MDP's bound or of the expansion's change, on a logarithmic scale."""
+    fitted = options.method == 'expansion'
+    tolerance = FIT_TOLERANCE if fitted else options.tolerance
     tasks: dict[int, tuple[TaskID, float]] = {}
 
     def on_sweep(position: int, sweep: int, bound: float) -> None:
@@ -101,6 +117,8 @@ def _bar(progress: Progress, tolerance: float) -> Callable[[int, int, float], No
         task, first = tasks[position]
         done = _decades(first, bound) / max(_decades(first, tolerance), 1e-9)
         text = f'sub-MDP {position + 1}: sweep {sweep}, within {bound:.1e} of V*'
+        if fitted:
+            text = f'expansion: sweep {sweep}, change {bound:.1e}'
         progress.update(task, completed=100 * min(done, 1.0), description=text)
 
     return on_sweep
@@ -119,13 +137,20 @@ def _describe(policy: Policy, summary: dict) -> str:
             f'  sub-MDPs    {summary["sub_mdps"]} of {", ".join(f"{n:,}" for n in sizes)} states',
             f'  sweeps      {", ".join(map(str, summary["iterations"]))}',
             f'  residual    {summary["residual"]:.2e}',
-            f'  bounds      V{summary["lower"]:+.2e} <= V* <= V{summary["upper"]:+.2e}'
-            if policy.method == 'exact'
-            else f'  solved to   {summary["upper"]:.2e}, summed over the sub-MDPs',
+            _quality(policy.method, summary),
             f'  time        {summary["seconds"]} s',
             f'  size        {summary["bytes"]:,} bytes, digest {summary["digest"][:12]}',
         ]
     )
+
+
+def _quality(method: str, summary: dict) -> str:
+    if method == 'exact':
+        return f'  bounds      V{summary["lower"]:+.2e} <= V* <= V{summary["upper"]:+.2e}'
+    if method == 'expansion':
+        fit = f'{summary["features"]:,} features in {summary["points"]:,} design points'
+        return f'  fit         {fit}{"" if summary["converged"] else ", NOT CONVERGED"}'
+    return f'  solved to   {summary["upper"]:.2e}, summed over the sub-MDPs'
 
 
 if __name__ == '__main__':

@@ -49,7 +49,7 @@ def _parse_state(text: str) -> list[int]:
 def _answer(policy: Policy, state: list[int]) -> dict[str, Any]:
     decision = policy.decide(state)
     mission = policy.mission
-    parts = zip(policy.solutions, policy.part_values(np.array(state))[0])
+    parts = zip(policy.parts, policy.part_values(np.array(state))[0])
     return {
         'state': dict(zip(policy.space.names, state)),
         'actions': [
@@ -66,8 +66,8 @@ def _answer(policy: Policy, state: list[int]) -> dict[str, Any]:
         'reason': decision.reason,
         'lower_bound': decision.lower_bound,
         'sub_mdps': [
-            {'goals': [mission.goals[j].name for j in solution.sub.goals], 'value': float(value)}
-            for solution, value in parts
+            {'goals': [mission.goals[j].name for j in goals], 'value': float(value)}
+            for goals, value in parts
         ],
     }
 

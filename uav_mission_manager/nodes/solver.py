@@ -19,7 +19,8 @@ from uav_mission_manager.paths import share_directory
 PARAMETERS = (
     Parameter('mission', '', 'Mission file, read at every build; empty is the shipped case study',
               read_only=False),
-    Parameter('method', 'exact', 'exact, split, highest_priority or best_value', read_only=False),
+    Parameter('method', 'exact', 'exact, expansion, split, highest_priority '
+              'or best_value', read_only=False),
     Parameter('out', '', 'Directory of the policy set; empty is uav_mission_manager/MISSION in '
               'ROS_HOME (~/.ros)', read_only=False),
 )

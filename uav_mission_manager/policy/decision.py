@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,6 @@ from uav_mission_manager.mdp import (
     Action,
     Mission,
     action_name,
-    global_actions,
 )
 
 
@@ -48,13 +48,13 @@ class Decision:
 
 def decide(
     mission: Mission,
+    actions: Sequence[Action],
     state: list[int],
     number: int,
     values: NDArray[np.float64],
     lower_bound: float,
 ) -> Decision:
     """Say why an action is chosen, by the Q values (2k+4,) of the state."""
-    actions = global_actions(mission)
     rest = values.copy()
     rest[number - 1] = np.inf
     second = int(rest.argmin())

@@ -19,12 +19,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uav_mission_manager.mdp import Mission, MissionError, mission_from_dict
-from uav_mission_manager.solver import BellmanOperator, Solution, SubMdp
+from uav_mission_manager.solver import (
+    BellmanOperator,
+    Clusters,
+    Expansion,
+    LowerBound,
+    Solution,
+    SubMdp,
+)
 
-SCHEMA = 2
+SCHEMA = 3
 MANIFEST = 'manifest.json'
 ARRAYS = {'value': ('float64', 'float32'), 'actions': ('uint8',)}
 CHUNK = 1 << 20
+FIT = ('points', 'iterations', 'spread', 'converged')
 QUALITY = ('lower', 'upper', 'residual', 'iterations', 'converged')
 
 
@@ -34,11 +42,13 @@ class PolicyError(ValueError):
 
 @dataclass(frozen=True)
 class PolicySet:
-    """What a policy set holds: a mission and its solved sub-MDPs in the method's order."""
+    """What a policy set holds: a mission and its solved sub-MDPs in order, or an expansion."""
 
     mission: Mission
     method: str
     solutions: tuple[Solution, ...]
+    expansion: Expansion | None = None
+    bound: LowerBound | None = None
 
 
 def write_policy_set(contents: PolicySet, directory: Path) -> str:
@@ -86,7 +96,11 @@ def read_policy_set(directory: Path) -> tuple[PolicySet, str]:
         if mission.digest() != manifest['mission_sha256']:
             raise PolicyError(f'{place}: mission_sha256: does not match the mission')
         solutions = tuple(_read_part(directory, mission, part) for part in manifest['sub_mdps'])
-        contents = PolicySet(mission, str(manifest['method']), solutions)
+        expansion = None
+        if 'expansion' in manifest:
+            expansion = _read_expansion(directory, mission, manifest['expansion'])
+        bound = _read_bound(directory, mission, manifest['bound']) if 'bound' in manifest else None
+        contents = PolicySet(mission, str(manifest['method']), solutions, expansion, bound)
     except MissionError as error:
         raise PolicyError(str(error)) from error
     except (LookupError, TypeError) as error:
@@ -118,6 +132,13 @@ def _write(contents: PolicySet, directory: Path) -> str:
             for position, solution in enumerate(contents.solutions)
         ],
     }
+    if contents.expansion is not None:
+        manifest['expansion'] = _write_expansion(directory, contents.expansion)
+    if contents.bound is not None:
+        manifest['bound'] = {
+            'clusters': contents.bound.clusters.tolist(),
+            'tables': _write_array(directory / 'bound.npy', contents.bound.tables),
+        }
     manifest['digest'] = _digest(manifest)
     (directory / MANIFEST).write_text(_text(manifest))
     return str(manifest['digest'])
@@ -132,17 +153,47 @@ def _write_part(directory: Path, position: int, solution: Solution) -> dict[str,
     for name in ARRAYS:
         array = getattr(solution, name)
         if array is not None:
-            file = directory / f'{position}_{name}.npy'
-            np.save(file, array, allow_pickle=False)
-            arrays[name] = {'file': file.name, 'sha256': _sha256(file)}
+            arrays[name] = _write_array(directory / f'{position}_{name}.npy', array)
     sub = solution.sub
     return {
         'goals': [sub.mission.goals[j].name for j in sub.goals],
         'actions': list(sub.numbers),
         'share': sub.share,
+        'way': sub.way,
         **{name: getattr(solution, name) for name in QUALITY},
         'arrays': arrays,
     }
+
+
+def _write_expansion(directory: Path, expansion: Expansion) -> dict[str, Any]:
+    return {
+        'clusters': vars(expansion.clusters),
+        **{name: getattr(expansion, name) for name in FIT},
+        'theta': _write_array(directory / 'theta.npy', expansion.theta),
+    }
+
+
+def _write_array(file: Path, array: NDArray[Any]) -> dict[str, str]:
+    np.save(file, array, allow_pickle=False)
+    return {'file': file.name, 'sha256': _sha256(file)}
+
+
+def _read_expansion(directory: Path, mission: Mission, part: dict[str, Any]) -> Expansion:
+    fine, coarse = (
+        tuple(tuple(map(tuple, group)) for group in part['clusters'][detail])
+        for detail in ('fine', 'coarse')
+    )
+    clusters = Clusters(fine, coarse)
+    shape = clusters.features, mission.grid.q + mission.k, 3, 8
+    theta = _read_array(directory, part['theta'], shape, ('float32',))
+    return Expansion(mission, clusters, theta, **{name: part[name] for name in FIT})
+
+
+def _read_bound(directory: Path, mission: Mission, part: dict[str, Any]) -> LowerBound:
+    clusters = np.array(part['clusters'])
+    shape = len(clusters), mission.grid.q + mission.k, 3, 8, *(6,) * clusters.shape[1]
+    tables = _read_array(directory, part['tables'], shape, ('float32',))
+    return LowerBound(mission, clusters, tables)
 
 
 def _sha256(file: Path) -> str:
@@ -172,7 +223,7 @@ def _read_manifest(place: Path) -> dict[str, Any]:
 def _read_part(directory: Path, mission: Mission, part: dict[str, Any]) -> Solution:
     positions = {goal.name: position for position, goal in enumerate(mission.goals)}
     goals = tuple(positions[name] for name in part['goals'])
-    sub = SubMdp(mission, goals, tuple(part['actions']), part['share'])
+    sub = SubMdp(mission, goals, tuple(part['actions']), part['share'], part['way'])
     shape = BellmanOperator(sub).shape
     arrays: dict[str, Any] = {
         name: _read_array(directory, part['arrays'][name], shape, types)

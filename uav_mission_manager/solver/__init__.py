@@ -1,6 +1,10 @@
 """Solving the mission: sub-MDPs, Bellman backup, value iteration, recombination."""
 
+from uav_mission_manager.solver.basis import Clusters, cluster_states
 from uav_mission_manager.solver.bellman import BellmanOperator
+from uav_mission_manager.solver.bounds import LowerBound, certificate, lower_bound
+from uav_mission_manager.solver.expansion import FIT_TOLERANCE, Expansion, fit_expansion
+from uav_mission_manager.solver.expansion_look_ahead import ExpansionLookAhead
 from uav_mission_manager.solver.look_ahead import LookAhead
 from uav_mission_manager.solver.memory import MissionSizeError
 from uav_mission_manager.solver.recombination import best_value, choose, highest_priority, summed
@@ -14,17 +18,26 @@ from uav_mission_manager.solver.sweep import Sweeper
 from uav_mission_manager.solver.value_iteration import PRECISIONS, Solution, value_iteration
 
 __all__ = [
+    'FIT_TOLERANCE',
     'PRECISIONS',
     'BellmanOperator',
+    'Clusters',
+    'Expansion',
+    'ExpansionLookAhead',
     'LookAhead',
+    'LowerBound',
     'MissionSizeError',
     'Solution',
     'SubMdp',
     'Sweeper',
     'best_value',
+    'certificate',
     'choose',
+    'cluster_states',
+    'fit_expansion',
     'goal_sub_mdps',
     'highest_priority',
+    'lower_bound',
     'split_sub_mdps',
     'summed',
     'value_iteration',

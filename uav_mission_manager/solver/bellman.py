@@ -133,7 +133,8 @@ class BellmanOperator:
             tuple(sorted({self._site_arrival(action, slot) for action in sub.actions}))
             for slot in range(n)
         )
-        distance = sub.share * mission.distance_weight * mission.grid.distances()
+        way = sub.share * sub.way
+        distance = way * mission.distance_weight * mission.grid.distances()
         self.choices = tuple(self._choice(action, distance) for action in sub.actions)
 
     @property
@@ -175,7 +176,7 @@ class BellmanOperator:
         cost = np.zeros((self.places, *allowed.shape))
         cost += distance[list(self.cells), action.destination][:, None, None, None]
         if action.kind in ('recharge', 'repair'):
-            service_cost = sub.share * getattr(sub.mission.service_cost, action.kind)
+            service_cost = sub.share * sub.way * getattr(sub.mission.service_cost, action.kind)
             cost[np.array(self.cells) == sub.mission.grid.service] += service_cost
         if slot is not None:
             cost -= self._bonus(action, slot)

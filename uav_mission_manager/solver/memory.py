@@ -58,7 +58,7 @@ def check_memory(sub: SubMdp, dtype: DTypeLike, threads: int) -> None:
     raise MissionSizeError(
         f'mission {sub.mission.name}: {sub.n} goals on {sub.mission.grid.q} cells make '
         f'{sub.states:,} states; the exact solution needs {_size(needed)} of memory, '
-        f"{_size(available)} are free: use {instead}method 'split'"
+        f"{_size(available)} are free: use {instead}method 'expansion'"
     )
 
 

@@ -29,12 +29,16 @@ class SubMdp:
         Numbers of the global actions it may choose from.
     share : float
         Its part of the costs all goals share: fault, distance, service and threat.
+    way : bool
+        Whether the cost h of the way and of a service counts; the paper's Eq. (local_cost) has
+        none.
     """
 
     mission: Mission
     goals: tuple[int, ...]
     numbers: tuple[int, ...]
     share: float = 1.0
+    way: bool = True
 
     @property
     def n(self) -> int:
@@ -128,8 +132,11 @@ def whole_mission(mission: Mission) -> SubMdp:
 
 
 def goal_sub_mdps(mission: Mission) -> tuple[SubMdp, ...]:
-    """Return the paper's goal-wise sub-MDPs: one goal, six local actions, all shared costs."""
-    return tuple(SubMdp(mission, (j,), local_actions(mission.k, j + 1)) for j in range(mission.k))
+    """Return the paper's goal-wise sub-MDPs: one goal, six local actions, Eq. (local_cost)."""
+    return tuple(
+        SubMdp(mission, (j,), local_actions(mission.k, j + 1), way=False)
+        for j in range(mission.k)
+    )
 
 
 def split_sub_mdps(mission: Mission) -> tuple[SubMdp, ...]:

@@ -2,7 +2,8 @@
 
 Once the expectation over t' and g' is known for all of W, the rest of a backup needs it only
 row by row (t, g): E over f' and r' and the minimum over the actions, which overwrites W. So a
-sweep needs W and its expectation, and nothing else that grows with the mission.
+sweep needs W and its expectation, and nothing else that grows with the mission. A sweep that
+follows a given policy takes its actions' entries in place of the minimum.
 """
 
 from __future__ import annotations
@@ -61,8 +62,10 @@ class _Candidate:
 class SecondHalf:
     """Scratch of one thread for the rest of the backup, some rows (t, g) at a time."""
 
-    def __init__(self, operator: BellmanOperator, rows: int) -> None:
-        self.operator, self.rows = operator, rows
+    def __init__(
+        self, operator: BellmanOperator, rows: int, policy: NDArray[np.uint8] | None = None
+    ) -> None:
+        self.operator, self.rows, self.policy = operator, rows, policy
         self.arrivals = Arrivals(operator, rows)
         self.q = np.empty((operator.places, rows, operator.columns), operator.dtype)
         self.least = np.empty_like(self.q)
@@ -72,7 +75,7 @@ class SecondHalf:
         """Steps that back up W in these rows and leave the change in `q`."""
         old = values[:, first : first + self.rows]
         return [
-            *self._minimise(expected, first),
+            *self._minimise(expected, first, self.policy),
             (np.add, (self.least, self._base_cost(first), self.least)),
             (np.subtract, (self.least, old, self.q)),
             (np.copyto, (old, self.least)),
@@ -95,13 +98,20 @@ class SecondHalf:
             np.copyto(candidate.box(chosen), candidate.number, where=best)
         numbers[:, first : first + self.rows] = chosen
 
-    def _minimise(self, expected: Expected, first: int) -> list[Step]:
+    def _minimise(
+        self, expected: Expected, first: int, policy: NDArray[np.uint8] | None = None
+    ) -> list[Step]:
+        """Steps to the least Q less b, or to that of the policy, inf where it is not allowed."""
         steps = self.arrivals.steps(expected, first)
         steps.append((self.least.fill, (np.inf,)))
         for candidate, look_up in self._each(self.candidates, first):
             least = candidate.box(self.least)
             steps += look_up
-            steps.append((_lower, (least, candidate.q)))
+            if policy is None:
+                steps.append((_lower, (least, candidate.q)))
+            else:
+                numbers = candidate.box(policy[:, first : first + self.rows])
+                steps.append((_follow, (least, candidate.q, numbers, candidate.number)))
         return steps
 
     def _each(
@@ -153,9 +163,17 @@ class Sweeper:
     ----------
     values : float array (places, rows, columns)
         W, overwritten by each backup.
+    policy : uint8 array like values, optional
+        Numbers of the actions to take; by default the best.
     """
 
-    def __init__(self, operator: BellmanOperator, values: FloatArray, threads: int = 1) -> None:
+    def __init__(
+        self,
+        operator: BellmanOperator,
+        values: FloatArray,
+        threads: int = 1,
+        policy: NDArray[np.uint8] | None = None,
+    ) -> None:
         self.operator, self.values = operator, values
         self.threads = threads if values.size >= THREADED else 1
         self.expected = Expected.empty(operator)
@@ -164,7 +182,7 @@ class Sweeper:
         self.first = [
             FirstHalf(operator, block_places, block_columns) for _ in range(self.threads)
         ]
-        self.second = [SecondHalf(operator, block_rows) for _ in range(self.threads)]
+        self.second = [SecondHalf(operator, block_rows, policy) for _ in range(self.threads)]
         self.blocks = [
             (place, column)
             for place in range(0, places, block_places)
@@ -228,6 +246,10 @@ class Sweeper:
 
 def _lower(least: FloatArray, q: FloatArray) -> None:
     np.minimum(least, q, out=least)
+
+
+def _follow(followed: FloatArray, q: FloatArray, numbers: NDArray[np.uint8], number: int) -> None:
+    np.copyto(followed, q, where=numbers == number)
 
 
 def block_shape(operator: BellmanOperator) -> tuple[int, int, int]:

@@ -1,0 +1,251 @@
+"""The paper's comparison of combined and global policy, in all states of the case study.
+
+make bench                      writes docs/paper.md and docs/paper.svg; half a minute
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from parts.agreement import (
+    Agreement,
+    Chain,
+    Optimum,
+    compare,
+    groups,
+    local_choices,
+    local_values,
+)
+from parts.missions import case_study
+
+from uav_mission_manager.mdp import (
+    FAULT_MODES,
+    THREAT_LEVELS,
+    action_name,
+    global_actions,
+    global_to_local,
+)
+from uav_mission_manager.policy.policy import METHODS
+
+DOCS = Path(__file__).resolve().parents[1] / 'docs'
+SAMPLE = (1, 1, 0, 1, 0, 2, 1, 1, 0, 2, 1)
+"""The paper's sample state [f r1 r2 r3 g1 g2 g3 l c t m]."""
+
+PAPER_CHOICES, PAPER_GOAL = (4, 3, 4), 2
+"""What the paper's sub-MDPs choose there, by local number, and the sub-MDP it follows."""
+
+RULES = {'strict': 'strict, the default', 'seed': 'every action everywhere, as in the paper'}
+
+Found = dict[str, tuple[Optimum, dict[str, Agreement]]]
+
+
+def main() -> int:
+    """Run the comparison."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.parse_known_args()  # `make bench` passes one set of arguments to every script.
+    found: Found = {}
+    for rule in RULES:
+        optimum = Optimum(dataclasses.replace(case_study(3), feasibility=rule))
+        found[rule] = optimum, {name: compare(optimum, name) for name in METHODS}
+    sections = [
+        _introduction(found['strict'][0]),
+        *(_overall(*found[rule], text) for rule, text in RULES.items()),
+        '![Share of states above a loss](paper.svg)',
+        _breakdown(*found['strict']),
+        _together(found),
+        _sample(found),
+    ]
+    (DOCS / 'paper.md').write_text('\n\n'.join(sections) + '\n', encoding='utf-8')
+    _draw(found['strict'][1], DOCS / 'paper.svg')
+    return 0
+
+
+def _table(head: list[str], rows: list[list[str]]) -> str:
+    lines = [head, ['---'] + ['---:'] * (len(head) - 1), *rows]
+    return '\n'.join(f'| {" | ".join(line)} |' for line in lines)
+
+
+def _percent(share: Any) -> str:
+    """Three figures at most; 100 % only where it is all."""
+    percent = 100 * float(share)
+    if 99.9 < percent < 100:
+        return f'{min(percent, 99.9999):.4f} %'
+    return '0' if abs(percent) < 1e-6 else f'{percent:#.3g}'.rstrip('.') + ' %'
+
+
+def _introduction(optimum: Optimum) -> str:
+    return f"""# The paper's comparison, in all {len(optimum.states):,} states
+
+Written by `make bench` (`benchmarks/paper.py`) on `config/case_study.yaml`. The combined policies
+are compared with the optimal one in every state: is the action the same (of actions that tie
+the lowest number), is Q*(s, a) within 0.1 % of V*(s), and what does following the combined policy
+for good cost, loss = (V^pi - V*) / V*, by exact evaluation. `best_value` follows the sub-MDP with
+the least cost (the paper's `ActionCalc_with_values`), `highest_priority` the one with the largest
+eta_j g_j r_j (its Algorithm 2); `split` adds up Q values. [theory.md](theory.md) says why they
+differ."""
+
+
+def _overall(optimum: Optimum, agreements: dict[str, Agreement], rule: str) -> str:
+    rows = [
+        [
+            name,
+            f'{a.same.sum():,}',
+            f'{(~a.same).sum():,}',
+            *map(_percent, (a.same.mean(), a.near.mean(), a.loss.mean(), a.loss.max())),
+        ]
+        for name, a in agreements.items()
+    ]
+    rows.append(['paper', f'{len(optimum.states):,}', '0', '100 %', '', '', ''])
+    head = ['method', 'same', 'different', 'same', 'within 0.1 %', 'mean loss', 'largest loss']
+    return f'## Combined and global policy: {rule}\n\n{_table(head, rows)}'
+
+
+def _breakdown(optimum: Optimum, agreements: dict[str, Agreement]) -> str:
+    names = {
+        'f': {f: f'fault mode {name}' for f, name in enumerate(FAULT_MODES, 1)},
+        't': {t: f'threat {name}' for t, name in enumerate(THREAT_LEVELS)},
+    }
+    same, loss = [], []
+    for variable, masks in groups(optimum.states).items():
+        for value, mask in masks.items():
+            name = names.get(variable, {}).get(value, f'{variable}: {value}')
+            chosen = [(a.same[mask], a.loss[mask]) for a in agreements.values()]
+            same.append([name, f'{mask.sum():,}', *(_percent(s.mean()) for s, _ in chosen)])
+            loss.append(
+                [name, *(f'{_percent(x.mean())} ({_percent(x.max())})' for _, x in chosen)]
+            )
+    return f"""## By fault mode, threat and goals
+
+Strict missions. A goal is active where g > 0. States with the same action:
+
+{_table(['', 'states', *agreements], same)}
+
+Loss, mean and in brackets the largest:
+
+{_table(['', *agreements], loss)}"""
+
+
+def _idle(optimum: Optimum, agreement: Agreement) -> float:
+    """Share of the states with active and achieved goals whose sub-MDP of least cost is idle."""
+    k = optimum.mission.k
+    active = optimum.states[:, 1 + k : 1 + 2 * k] > 0
+    both = active.any(axis=1) & ~active.all(axis=1)
+    least = agreement.policy.part_values(optimum.states[both]).argmin(axis=1)
+    return 1 - float(np.take_along_axis(active[both], least[:, None], axis=1).mean())
+
+
+def _together(found: Found) -> str:
+    rows = []
+    for rule, (optimum, agreements) in found.items():
+        for name, what in (('best_value', "the paper's"), ('split', 'costs split, all actions')):
+            policy = agreements[name].policy
+            choices = local_choices(policy, optimum.states)
+            one = (choices == choices[:, :1]).all(axis=1)
+            right = choices[one, 0] == optimum.actions[one]
+            ratio = policy.part_values(optimum.states).sum(axis=1) / optimum.values
+            shares = map(_percent, (one.mean(), right.mean()))
+            ratios = (f'{x:.2f}' for x in (ratio.min(), ratio.mean(), ratio.max()))
+            rows.append([f'{what}; {rule}', *shares, *ratios])
+    head = ['sub-MDPs', 'one action for all', 'of these optimal', 'least', 'mean', 'largest']
+    idle = _percent(_idle(found['strict'][0], found['strict'][1]['best_value']))
+    return f"""## What the theorem would have
+
+The joint policy (pi_1, .., pi_k) of the theorem is one the UAV can follow only where all sub-MDPs
+choose the same action; *of these optimal* is the share of such states where that is the optimal
+one. The last columns are the sum of V_i* over V*, which the theorem says is 1.
+
+{_table(head, rows)}
+
+The sub-MDP of least cost is the one with least to do: in {idle} of the (strict) states that have
+both active and achieved goals, `best_value` follows the sub-MDP of an achieved one."""
+
+
+def _sample(found: Found) -> str:
+    state = np.array([SAMPLE])
+    parts = [_sub_mdps(found, state), _decisions(found, state), _difference(found, state)]
+    return f'## The sample state [{" ".join(map(str, SAMPLE))}]\n\n' + '\n\n'.join(parts)
+
+
+def _local(found: Found, state: Any, rule: str) -> tuple[list[Any], list[int | None]]:
+    """Q values of each goal's sub-MDP, and the local number of its choice."""
+    optimum, agreements = found[rule]
+    policy, k = agreements['best_value'].policy, optimum.mission.k
+    chosen = local_choices(policy, state)[0].tolist()
+    numbers = [global_to_local(number, j, k) for j, number in enumerate(chosen, 1)]
+    return [values[0] for values in local_values(policy, state)], numbers
+
+
+def _sub_mdps(found: Found, state: Any) -> str:
+    names = ['none', 'commit', 'none, agile', 'commit, agile', 'recharge', 'repair']
+    rows = [[f'{number} {name}'] for number, name in enumerate(names, 1)]
+    for rule in found:
+        for values, choice in zip(*_local(found, state, rule)):
+            for number, (row, value) in enumerate(zip(rows, values), 1):
+                text = f'{value:.2f}' if np.isfinite(value) else ''
+                row.append(f'**{text}**' if number == choice else text)
+    head = ['local action', *(f'goal {j}, {rule}' for rule in found for j in (1, 2, 3))]
+    return f"""Q of the local actions in each goal's sub-MDP (the paper's action value is -Q):
+empty where not allowed, bold the choice.
+
+{_table(head, rows)}"""
+
+
+def _decisions(found: Found, state: Any) -> str:
+    rows = []
+    for rule, (optimum, agreements) in found.items():
+        actions, chain = global_actions(optimum.mission), Chain(optimum.mission)
+        at = optimum.q[chain.space.index(state)[0]]
+        for name, agreement in agreements.items():
+            number = int(agreement.policy.act(state)[0])
+            likely = chain.space.states([chain.successors(SAMPLE, number).argmax()])[0]
+            next_ = f'[{" ".join(map(str, likely.tolist()))}]'
+            action = f'{number} {action_name(optimum.mission, actions[number - 1])}'
+            rows.append([f'{name}, {rule}', action, next_, f'{at[number - 1]:.2f}'])
+    head = ['method', 'global action', 'likeliest next state', 'Q*']
+    return f'What each method does:\n\n{_table(head, rows)}'
+
+
+def _difference(found: Found, state: Any) -> str:
+    values, choices = _local(found, state, 'seed')
+    costs = [value.min() for value in values]
+    numbers = {name: int(a.policy.act(state)[0]) for name, a in found['seed'][1].items()}
+    best = numbers.pop('exact')
+    alike = ', '.join(name for name, number in numbers.items() if number == best)
+    paper, ours = (', '.join(map(str, local)) for local in (PAPER_CHOICES, choices))
+    return f"""- The paper: local choices {paper}; goal {PAPER_GOAL} is followed by global action
+  5, and the global policy reaches the same next state.
+- Here, every action allowed as in the paper: local choices {ours}; the least cost is that of goal
+  {np.argmin(costs) + 1}, the largest that of goal {np.argmax(costs) + 1}; global action {best} is
+  optimal, and also that of: {alike or 'none'}.
+
+In this state goal 1 is achieved and goal 2 out of range. The paper publishes neither weights nor
+probabilities, so its values cannot be had again; the case study's are this project's own."""
+
+
+def _draw(agreements: dict[str, Agreement], file: Path) -> None:
+    """Draw the share of states whose loss is above x."""
+    import matplotlib as mpl
+
+    mpl.use('svg')
+    from matplotlib import pyplot
+
+    pyplot.rcParams.update({'svg.hashsalt': 'paper', 'svg.fonttype': 'none'})
+    figure, axes = pyplot.subplots(figsize=(7, 4))
+    below = np.linspace(0, 1, 401)
+    for name, agreement in agreements.items():
+        if name != 'exact':
+            losses = 100 * np.quantile(agreement.loss, below)
+            axes.semilogx(np.maximum(losses, 1e-5), 100 * (1 - below), label=name)
+    axes.set(xlabel='loss [%]', ylabel='states above it [%]', xlim=(1e-4, None))
+    axes.legend()
+    axes.grid(alpha=0.3)
+    figure.tight_layout()
+    figure.savefig(file, metadata={'Date': None})
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

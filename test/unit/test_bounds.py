@@ -1,0 +1,164 @@
+"""The lower bound against exact optima; the clusters' operator against the reference model."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from brute_force import BruteForce, solve
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from strategies import case_study, missions, pick_states
+
+from uav_mission_manager.mdp import StateSpace, mission_from_dict
+from uav_mission_manager.solver import BellmanOperator, value_iteration, whole_mission
+from uav_mission_manager.solver.bounds import lower_bound
+from uav_mission_manager.solver.cluster_mdps import ClusterOperator
+from uav_mission_manager.solver.factors import Factors
+
+PAIRS = [(0, 1), (0, 2), (1, 2)]
+SPLITS = {
+    1: [[(0,)], [(0,), (0,)]],
+    2: [[(0, 1)], [(1, 0)], [(0,), (1,)], [(0, 1), (1, 0)], [(0,), (1,), (1,)]],
+    3: [[(0, 1, 2)], PAIRS, [(0, 2), (2, 1)], [(0,), (1,), (2,)]],
+}
+"""Clusters for k goals, the first of them of all goals."""
+
+
+def optimum(mission, states):
+    solution = value_iteration(whole_mission(mission), 1e-9)
+    return BellmanOperator(solution.sub).state_values(solution.value, states), solution.upper
+
+
+def gap(exact, bound):
+    return np.mean(exact / bound - 1)
+
+
+@pytest.fixture(scope='module')
+def whole():
+    """Mission, all states and V* of the case study."""
+    mission = mission_from_dict(case_study(), 'test')
+    states = StateSpace(mission.k, mission.grid.q).states()
+    return mission, states, optimum(mission, states)[0]
+
+
+@settings(max_examples=20, deadline=None)
+@given(missions([(1, 1), (1, 3), (2, 2)], [1, 2, 3]), st.data())
+def test_below_the_optimum_of_any_mission(document, data):
+    """V* of exact arithmetic lies within `slack` of the solver's."""
+    mission = mission_from_dict(document, 'test')
+    states = StateSpace(mission.k, mission.grid.q).states()
+    clusters = data.draw(st.sampled_from(SPLITS[mission.k]))
+    exact, slack = optimum(mission, states)
+    bound = lower_bound(mission, clusters, iterations=data.draw(st.sampled_from([0, 1, 5])))
+    assert (bound.values(states) <= exact + slack).all()
+    assert (bound.values(states) >= 0).all()
+
+
+@settings(max_examples=12, deadline=None)
+@given(missions([(1, 2), (2, 2)], [1, 2, 3]))
+def test_one_cluster_of_all_goals_is_the_optimum(document):
+    mission = mission_from_dict(document, 'test')
+    states = StateSpace(mission.k, mission.grid.q).states()
+    exact, slack = optimum(mission, states)
+    bound = lower_bound(mission, SPLITS[mission.k][0], tolerance=1e-8).values(states)
+    assert (bound <= exact + slack).all()
+    np.testing.assert_allclose(bound, exact, rtol=0, atol=1e-6 * max(1.0, exact.max()))
+
+
+@settings(max_examples=8, deadline=None)
+@given(missions([(1, 2), (2, 1)], [1]))
+def test_one_cluster_against_the_reference_model(document):
+    reference = solve(BruteForce(document))
+    mission = mission_from_dict(document, 'test')
+    bound = lower_bound(mission, [(0,)], tolerance=1e-8).values(reference.states)
+    largest = max(1.0, reference.v.max())
+    assert (bound <= reference.v + 1e-9 * largest).all()
+    np.testing.assert_allclose(bound, reference.v, rtol=0, atol=1e-6 * largest)
+
+
+@pytest.mark.parametrize('feasibility', ['strict', 'seed'])
+def test_pairs_of_the_case_study(whole, feasibility):
+    mission, states, exact = whole
+    if feasibility == 'seed':
+        mission = dataclasses.replace(mission, feasibility='seed')
+        exact, _ = optimum(mission, states)
+    even = lower_bound(mission, PAIRS, iterations=0).values(states)
+    tight = lower_bound(mission, PAIRS, iterations=120).values(states)
+    assert (even <= exact).all()
+    assert (tight <= exact).all()
+    assert gap(exact, even) > 0.15
+    assert gap(exact, tight) < 0.03
+
+
+def test_single_goals_of_the_case_study(whole):
+    mission, states, exact = whole
+    clusters = [(0,), (1,), (2,)]
+    even = lower_bound(mission, clusters, iterations=0).values(states)
+    tight = lower_bound(mission, clusters).values(states)
+    assert (tight <= exact).all()
+    assert gap(exact, tight) < gap(exact, even) / 2
+
+
+def test_never_worse_than_the_even_split(whole):
+    """Even where the ascent has hardly begun."""
+    mission = whole[0]
+    even = lower_bound(mission, PAIRS, iterations=0)
+    for options in ({'iterations': 1}, {'seconds': 1e-9}):
+        bound = lower_bound(mission, PAIRS, **options)
+        assert bound.tables.sum(dtype=float) >= even.tables.sum(dtype=float) * (1 - 1e-6)
+
+
+def test_tables(whole):
+    bound = lower_bound(whole[0], PAIRS, iterations=0)
+    assert bound.tables.shape == (3, 11, 3, 8, 6, 6)
+    assert bound.tables.dtype == np.float32
+    assert bound.clusters.tolist() == [list(pair) for pair in PAIRS]
+
+
+@pytest.mark.parametrize('clusters', [[(0,), (2,), (1,)], [(1, 0), (2, 1)], [(2, 0, 1)]])
+def test_expectations_and_masses_are_adjoint(whole, clusters):
+    operator = ClusterOperator(Factors(whole[0]), np.array(clusters), np.float64)
+    rng = np.random.default_rng(0)
+    values = rng.random(operator.shape)
+    expected = operator.expect(values)
+    mass = rng.random(expected.shape)
+    assert (mass * expected).sum() == pytest.approx((operator.arrive(mass) * values).sum())
+
+
+def test_expectation_of_one_is_the_discount(whole):
+    mission = whole[0]
+    operator = ClusterOperator(Factors(mission), np.array(PAIRS), np.float64)
+    np.testing.assert_allclose(operator.expect(np.ones(operator.shape)), mission.discount)
+
+
+def test_more_goals_than_can_be_solved_exactly():
+    """Overlapping pairs of six goals beat single ones, both tightened."""
+    document = case_study()
+    document['goals'] = [
+        dict(goal, name=f'{goal["name"]}_{copy}') for copy in 'ab' for goal in document['goals']
+    ]
+    mission = mission_from_dict(document, 'test')
+    states = pick_states(StateSpace(6, mission.grid.q), 1000)
+    singles = lower_bound(mission, [(j,) for j in range(6)], iterations=30).values(states)
+    chain = lower_bound(mission, [(j, j + 1) for j in range(5)], iterations=30).values(states)
+    assert chain.mean() > 1.1 * singles.mean()
+
+
+@pytest.mark.parametrize(
+    ('clusters', 'options', 'message'),
+    [
+        ([(0, 1), (2,)], {}, 'one size'),
+        ([], {}, 'one size'),
+        ([(0, 0), (1, 2)], {}, 'a goal twice'),
+        ([(0, 1)], {}, 'each at least once'),
+        ([(0, 1), (2, 3)], {}, r'the goals 0\.\.2'),
+        (PAIRS, {'iterations': -1}, 'iterations -1'),
+        (PAIRS, {'seconds': 0.0}, r'seconds 0\.0'),
+        (PAIRS, {'tolerance': 0.0}, r'tolerance 0\.0'),
+    ],
+)
+def test_bad_input(whole, clusters, options, message):
+    with pytest.raises(ValueError, match=message):
+        lower_bound(whole[0], clusters, **options)

@@ -1,0 +1,276 @@
+"""Algorithm 1: factor-based decomposition of the mission into sub-MDPs.
+
+Candidates are made goal by goal, by regions of the grid, by groups of fault modes and, mixed, by
+merging goals that couple and by intersecting regions with fault modes. Those above T_max states
+are discarded, and those that overlap too much with one of a higher score
+
+    Score(M_i) = w_g RewardImpact(M_i) + w_l SpatialCoherence(M_i) + w_f FaultSensitivity(M_i).
+
+What is left is the plan {M_1..M_N}, best first, and the map phi from states to 1..N.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uav_mission_manager.mdp.grid import Grid
+from uav_mission_manager.mdp.mission import Mission
+from uav_mission_manager.solver.measures import Measures
+from uav_mission_manager.solver.plan import Part, Plan, first_part
+
+MODES = tuple(range(1, 9))
+
+GROUPS = (8, 4, 2, 1)
+"""Fault modes in a group: all, camera healthy or failed, and so on by actuator and sensor."""
+
+
+def decompose(
+    mission: Mission,
+    max_states: int,
+    kind: str = 'auto',
+    *,
+    weights: Sequence[float] = (1.0, 1.0, 1.0),
+    overlap: float = 0.5,
+    merge_score: float = 0.0,
+) -> Plan:
+    """Decompose a mission into sub-MDPs of at most `max_states` states (Algorithm 1).
+
+    Parameters
+    ----------
+    mission : Mission
+    max_states : int
+        T_max.
+    kind : {'goal', 'location', 'fault', 'clusters', 'blocks', 'auto'}
+        Candidates: one a goal; the fewest regions of the grid, or groups of fault modes, that
+        fit; goals, and each merged with those it couples with most; the fewest regions in groups
+        of fault modes that fit; or all.
+    weights : three floats
+        w_g, w_l and w_f.
+    overlap : float
+        Jaccard index, of the goals x cells x fault modes covered, from which a part gives way
+        to one of a higher score, unless nothing else covers a state.
+    merge_score : float
+        Score that merged goals must exceed.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range, or the parts leave a state uncovered.
+    """
+    _check(max_states, kind, weights, overlap, merge_score)
+    maker = _Candidates(mission, max_states, weights, merge_score)
+    parts = [part for make in KINDS[kind] for part in make(maker) if part.states <= max_states]
+    names = [goal.name for goal in mission.goals]
+    parts.sort(
+        key=lambda part: (
+            -part.score,
+            sorted(names[j] for j in part.goals),
+            part.cells,
+            part.faults,
+        )
+    )
+    return Plan(mission, max_states, _without_overlap(mission, parts, overlap))
+
+
+def clusters(mission: Mission, order: int, max_states: int) -> tuple[tuple[int, ...], ...]:
+    """Clusters of up to `order` goals whose sub-MDPs have at most `max_states` states.
+
+    Those that couple most closely first, by the least reward coupling within; so a cluster comes
+    after all its subsets, beginning with the empty one.
+
+    Raises
+    ------
+    ValueError
+        If order is not above 0 or the sub-MDP of one goal is larger.
+    """
+    if order < 1:
+        raise ValueError(f'order {order} must be above 0')
+    largest = min(order, _largest_cluster(mission, max_states))
+    if largest < 1:
+        raise ValueError(f'no goal has a sub-MDP of at most T_max = {max_states:,} states')
+    coupling = Measures(mission).coupling
+    names = [goal.name for goal in mission.goals]
+
+    def rank(cluster: tuple[int, ...]) -> tuple[float, int, list[str]]:
+        closeness = min((coupling[pair] for pair in combinations(cluster, 2)), default=np.inf)
+        return -closeness, len(cluster), sorted(names[j] for j in cluster)
+
+    found = [cluster for n in range(largest + 1) for cluster in combinations(range(mission.k), n)]
+    return tuple(sorted(found, key=rank))
+
+
+class _Candidates:
+    """Makes the parts among which `decompose` chooses."""
+
+    def __init__(
+        self, mission: Mission, max_states: int, weights: Sequence[float], merge_score: float
+    ) -> None:
+        self.mission, self.max_states = mission, max_states
+        self.weights, self.merge_score = weights, merge_score
+        self.measures = Measures(mission)
+        self.goals, self.cells = tuple(range(mission.k)), tuple(range(mission.grid.q))
+
+    def single_goals(self) -> list[Part]:
+        return [self._part('goal', (j,), self.cells, MODES) for j in self.goals]
+
+    def merged_goals(self) -> list[Part]:
+        """Each goal with those that couple most with the ones it is already merged with."""
+        coupling, goals = self.measures.coupling, self.mission.goals
+        merged = {}
+        for cluster in ([j] for j in self.goals):
+            for _ in range(1, _largest_cluster(self.mission, self.max_states)):
+                ranked = [
+                    (-math.fsum(coupling[j, cluster]), goals[j].name, j)
+                    for j in self.goals
+                    if j not in cluster
+                ]
+                cluster.append(min(ranked)[-1])
+                part = self._part('mixed', tuple(sorted(cluster)), self.cells, MODES)
+                merged[part.goals] = part
+        return [part for part in merged.values() if part.score > self.merge_score]
+
+    def locations(self) -> list[Part]:
+        return self._blocks(8)
+
+    def fault_groups(self) -> list[Part]:
+        sizes = [size for size in GROUPS if self._room(size) >= len(self.cells)]
+        return self._blocks(sizes[0]) if sizes else []
+
+    def fewest_blocks(self) -> list[Part]:
+        return self._blocks(min(GROUPS, key=self._count))
+
+    def _room(self, modes: int) -> int:
+        """Cells of the largest block with so many fault modes."""
+        return self.max_states // _states(len(self.goals), 1, modes)
+
+    def _count(self, modes: int) -> float:
+        """Number of blocks with so many fault modes."""
+        room = self._room(modes)
+        return 8 // modes * math.ceil(len(self.cells) / room) if room else math.inf
+
+    def _blocks(self, modes: int) -> list[Part]:
+        """Groups of so many fault modes times the fewest regions that fit."""
+        room = self._room(modes)
+        if not room:
+            return []
+        parts = []
+        for cells in _regions(self.mission.grid, room):
+            kind = 'location' if modes == 8 else 'fault' if room >= len(self.cells) else 'mixed'
+            for first in range(0, 8, modes):
+                faults = MODES[first : first + modes]
+                parts.append(self._part(kind, self.goals, cells, faults))
+        return parts
+
+    def _part(
+        self, kind: str, goals: tuple[int, ...], cells: tuple[int, ...], faults: tuple[int, ...]
+    ) -> Part:
+        """A part that leaves goals out is as coherent as the cells its flights are between."""
+        grid, measures = self.mission.grid, self.measures
+        ends = [grid.base, grid.service, *(self.mission.goals[j].cell for j in goals)]
+        judged = (
+            measures.reward_impact(goals, cells),
+            measures.spatial_coherence(cells if len(goals) == self.mission.k else ends),
+            measures.fault_sensitivity(faults),
+        )
+        states = _states(len(goals), len(cells), len(faults))
+        return Part(
+            kind,
+            goals,
+            cells,
+            faults,
+            states,
+            states * (2 * len(goals) + 4),
+            *judged,
+            coupling=float(measures.coupling[np.ix_(goals, goals)].max()),
+            score=sum(weight * measure for weight, measure in zip(self.weights, judged)),
+        )
+
+
+KINDS: dict[str, tuple[Callable[[_Candidates], list[Part]], ...]] = {
+    'goal': (_Candidates.single_goals,),
+    'location': (_Candidates.locations,),
+    'fault': (_Candidates.fault_groups,),
+    'clusters': (_Candidates.single_goals, _Candidates.merged_goals),
+    'blocks': (_Candidates.fewest_blocks,),
+    'auto': (
+        _Candidates.single_goals,
+        _Candidates.locations,
+        _Candidates.fault_groups,
+        _Candidates.merged_goals,
+        _Candidates.fewest_blocks,
+    ),
+}
+
+
+def _check(
+    max_states: int, kind: str, weights: Sequence[float], overlap: float, merge_score: float
+) -> None:
+    if max_states < 1:
+        raise ValueError(f'max_states {max_states} must be above 0')
+    if kind not in KINDS:
+        raise ValueError(f'kind {kind!r} is none of {", ".join(KINDS)}')
+    finite = len(weights) == 3 and all(0 <= weight < math.inf for weight in weights)
+    if not finite or not any(weights):
+        raise ValueError(f'weights {weights} must be three, finite, not negative, not all 0')
+    if not 0 < overlap <= 1:
+        raise ValueError(f'overlap {overlap} must be above 0 and at most 1')
+    if not math.isfinite(merge_score):
+        raise ValueError(f'merge_score {merge_score} is not finite')
+
+
+def _states(goals: int, cells: int, faults: int) -> int:
+    return faults * 6**goals * cells * (goals + 1) * 6
+
+
+def _largest_cluster(mission: Mission, max_states: int) -> int:
+    """Goals of the largest cluster that fits, 0 if none does."""
+    fits = (_states(n, mission.grid.q, 8) <= max_states for n in range(1, mission.k + 1))
+    return sum(fits)
+
+
+def _regions(grid: Grid, room: int) -> list[tuple[int, ...]]:
+    """Fewest regions of at most `room` cells: pieces of a way that winds through the grid.
+
+    It runs to and fro along the shorter side, so the pieces are contiguous and compact.
+    """
+    lines = np.arange(grid.q).reshape(grid.rows, grid.cols)
+    if grid.cols > grid.rows:
+        lines = lines.T
+    lines = lines.copy()
+    lines[1::2] = lines[1::2, ::-1]
+    pieces = np.array_split(lines.ravel(), math.ceil(grid.q / room))
+    return [tuple(sorted(piece.tolist())) for piece in pieces]
+
+
+def _without_overlap(mission: Mission, parts: Sequence[Part], overlap: float) -> tuple[Part, ...]:
+    """Drop parts too much like a better one, unless they are needed to cover a state."""
+    kept = np.zeros(len(parts), dtype=bool)
+    for number, alike in enumerate(_jaccard(mission, parts) >= overlap):
+        kept[number] = not alike[kept].any()
+    best = [part for part, keep in zip(parts, kept) if keep]
+    covered = first_part(mission, best) <= len(best)
+    for number, part in enumerate(parts):
+        kept[number] |= not covered[part.box].all()
+        covered[part.box] = True
+    return tuple(part for part, keep in zip(parts, kept) if keep)
+
+
+def _jaccard(mission: Mission, parts: Sequence[Part]) -> NDArray[np.float64]:
+    """Jaccard indices of the goals x cells x fault modes that parts cover, shape (N, N)."""
+    common = np.ones((len(parts), len(parts)))
+    for size, covered in (
+        (mission.k, [part.goals for part in parts]),
+        (mission.grid.q, [part.cells for part in parts]),
+        (9, [part.faults for part in parts]),
+    ):
+        members = np.zeros((len(parts), size))
+        for row, chosen in zip(members, covered):
+            row[list(chosen)] = 1
+        common *= members @ members.T
+    sizes = common.diagonal()
+    return common / (sizes[:, None] + sizes - common)

@@ -1,0 +1,292 @@
+"""A fleet's decisions: local policies, agents on goals, joint policy, replanning (Algorithm 2).
+
+Each UAV has its own f, r, l, c, t and m; the priorities g are the mission's. In every decision
+the goal-wise sub-MDPs are ranked into L by their best agent's score (see
+`uav_mission_manager.solver.priority`), and agents join the queues of those that are open: not
+complete (C_j = 0), with all preconditions complete before agents are sent, and needing no more
+agents than are left. An agent in several queues takes the action of the one first in L (see
+`uav_mission_manager.solver.assignment`).
+
+What agent k brings to sub-MDP j is what pursuing the goal saves against being idle for it,
+
+    G_j(s_k) = V_j^idle(s_k) - V_j(s_k) >= 0,
+
+V_j^idle the value of the sub-MDP without its commit actions. The expected reward counts a goal
+achieved as 1 and an agent acting for it as what it brings of what the best placed one would:
+
+    E_j = P(g_j achieved after this epoch by agents on site) + sum G_j(s_k) / max G_j,
+
+the first 1 where g_j = 0, the sum over the agents acting for j, the maximum at the g_j at hand.
+M_j is complete where E_j >= C_j^min: at once, or when the agents asked for have joined.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from uav_mission_manager.mdp.mission import Goal, Mission
+from uav_mission_manager.mdp.states import StateSpace
+from uav_mission_manager.solver.assignment import Board, FleetRules, match, queue
+from uav_mission_manager.solver.bellman import BellmanOperator
+from uav_mission_manager.solver.look_ahead import LookAhead
+from uav_mission_manager.solver.priority import PriorityScore, ranked
+from uav_mission_manager.solver.recombination import choose
+from uav_mission_manager.solver.submdp import SubMdp, goal_sub_mdps
+from uav_mission_manager.solver.value_iteration import value_iteration
+
+IntArray = NDArray[np.int64]
+FloatArray = NDArray[np.float64]
+
+ASSIGNMENTS = ('queue', 'optimal')
+
+
+@dataclass(frozen=True)
+class LocalPolicy:
+    """A solved goal-wise sub-MDP.
+
+    Attributes
+    ----------
+    look_ahead : LookAhead
+        V_j, and Q_j, whose minimum gives pi_j.
+    gain : float array, shape as W
+        G_j over place, (t, g), (f, r).
+    best_gain : float array (3,)
+        max G_j by g_j; 0 where no more than rounding.
+    expected_return : float
+        R_j, the mean of -V_j over all states without commitment in normal mode.
+    """
+
+    look_ahead: LookAhead
+    gain: FloatArray
+    best_gain: FloatArray
+    expected_return: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A decision for N fleets of n agents; goals and agents counted from 0.
+
+    Attributes
+    ----------
+    scores, ranking : arrays (N, k)
+        rho_j, and L.
+    queues : int array (N, k, n)
+        Place of each agent in the queue A_j, from 0; -1 where it is not in it.
+    rewards, complete : arrays (N, k)
+        E_j and C_j.
+    pursued : int array (N, n)
+        Goal whose policy each agent follows; -1 where it stands by: it follows that of the first
+        of L, but does not commit.
+    actions : int array (N, n)
+        The joint policy: global action numbers.
+    """
+
+    scores: FloatArray
+    ranking: IntArray
+    queues: IntArray
+    rewards: FloatArray
+    complete: NDArray[np.bool_]
+    pursued: IntArray
+    actions: IntArray
+
+
+class FleetPlanner:
+    """Local policies of a mission, and the joint decisions made of them.
+
+    Parameters
+    ----------
+    mission : Mission
+    agents : int array (n, 2k+5)
+        States at hand, by which the sub-MDPs are ranked to be solved.
+    rules : FleetRules, optional
+    known : mapping, optional
+        Local policies by all that they depend on, as `known` of another planner.
+
+    Attributes
+    ----------
+    policies : tuple of LocalPolicy
+        One a goal.
+    order : tuple of str
+        The goals in the order of L.
+    solved : tuple of str
+        Those whose sub-MDPs were solved anew.
+
+    Raises
+    ------
+    ValueError
+        If a rule names what is no goal or asks for what cannot be.
+    StateError
+        If a state is not valid.
+    """
+
+    def __init__(
+        self,
+        mission: Mission,
+        agents: ArrayLike,
+        rules: FleetRules | None = None,
+        known: Mapping[SubMdp, LocalPolicy] | None = None,
+    ) -> None:
+        self.mission, self.rules = mission, rules or FleetRules()
+        self._limits = self.rules.limits(mission)
+        self._space = StateSpace(mission.k, mission.grid.q)
+        self._score = PriorityScore(mission, self.rules.weights)
+        self._cells = np.array([goal.cell for goal in mission.goals])
+        self._distances = mission.grid.distances()[:, self._cells]
+        order = ranked(self._scores(self._checked(np.asarray(agents)[None])))[0].tolist()
+        self.order = tuple(mission.goals[j].name for j in order)
+        subs = goal_sub_mdps(mission)
+        keys = [_essence(sub) for sub in subs]
+        found, solved = dict(known or {}), []
+        for j in order:
+            if keys[j] not in found:
+                found[keys[j]] = _solve(subs[j])
+                solved.append(mission.goals[j].name)
+        self.solved = tuple(solved)
+        self.known = {key: found[key] for key in keys}
+        self.policies = tuple(self.known.values())
+
+    def replan(self, mission: Mission, agents: ArrayLike) -> FleetPlanner:
+        """Return a planner for a changed mission: only what the change enters is solved anew.
+
+        Changed states, new faults and priorities among them, need no more than another `plan`.
+        """
+        return FleetPlanner(mission, agents, self.rules, self.known)
+
+    def plan(
+        self, fleets: ArrayLike, previous: Plan | None = None, assignment: str = 'queue'
+    ) -> Plan:
+        """Decide for fleets of states (N, n, 2k+5).
+
+        Parameters
+        ----------
+        fleets : int array
+        previous : Plan, optional
+            The fleets' last decision: in queues, who pursued the goal goes first.
+        assignment : {'queue', 'optimal'}
+
+        Raises
+        ------
+        ValueError
+            If there is no such assignment, a shape is wrong, or agents of a fleet differ in g.
+        StateError
+            If a state is not valid.
+        """
+        if assignment not in ASSIGNMENTS:
+            raise ValueError(f'assignment {assignment!r} is none of {", ".join(ASSIGNMENTS)}')
+        states = self._checked(np.asarray(fleets))
+        scores, gains = self._scores(states), self._gains(states)
+        board = Board(*self._rewards(states, gains), self._limits)
+        ranking = ranked(scores)
+        if assignment == 'queue':
+            queue(board, self._nearness(states, previous), ranking)
+        else:
+            match(board, gains)
+        return Plan(
+            scores=scores,
+            ranking=ranking,
+            queues=board.queues,
+            rewards=board.rewards,
+            complete=board.complete,
+            pursued=board.pursued,
+            actions=self._actions(states, board.pursued, ranking),
+        )
+
+    def _checked(self, fleets: NDArray[np.integer]) -> IntArray:
+        k = self.mission.k
+        if fleets.ndim != 3 or not fleets.shape[1]:
+            raise ValueError(f'fleets have shape {fleets.shape}, not (N, n, {2 * k + 5})')
+        states = self._space.check(fleets.reshape(-1, fleets.shape[2])).reshape(fleets.shape)
+        g = states[..., 1 + k : 1 + 2 * k]
+        differ = np.flatnonzero((g != g[:, :1]).any(axis=(1, 2)))
+        if differ.size:
+            of = g[differ[0]].tolist()
+            raise ValueError(f'agents of fleet {differ[0]} differ in their priorities: {of}')
+        return states
+
+    def _scores(self, fleets: IntArray) -> FloatArray:
+        """rho_j of the agent for whom it is highest, shape (N, k)."""
+        scores = self._score.of_goals(fleets.reshape(-1, fleets.shape[2]))
+        return scores.reshape(*fleets.shape[:2], -1).max(axis=1)
+
+    def _gains(self, fleets: IntArray) -> FloatArray:
+        """G_j(s_k), shape (N, n, k)."""
+        rows = fleets.reshape(-1, fleets.shape[2])
+        gains = [p.gain[p.look_ahead.operator.locate(rows)] for p in self.policies]
+        return np.stack(gains, axis=1).reshape(*fleets.shape[:2], -1)
+
+    def _rewards(self, fleets: IntArray, gains: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What each agent brings, shape (N, n, k), and E_j without agents sent, (N, k)."""
+        k, commitment = self.mission.k, fleets[..., -3, None]
+        g = fleets[:, 0, 1 + k : 1 + 2 * k]
+        best = np.stack([p.best_gain[g[:, j]] for j, p in enumerate(self.policies)], axis=1)
+        # Where nothing can be gained one agent is enough.
+        brings = np.ones_like(gains)
+        np.divide(gains, best[:, None], out=brings, where=best[:, None] > 0)
+        on_site = (commitment == np.arange(1, k + 1)) & (fleets[..., -4, None] == self._cells)
+        completion = np.array(self.mission.faults.completion)[fleets[..., 0] - 1]
+        missed = np.prod(1 - completion[..., None] * on_site, axis=1)
+        return brings, np.where(g == 0, 1.0, 1 - missed)
+
+    def _nearness(self, fleets: IntArray, previous: Plan | None) -> FloatArray:
+        """Distance of each agent to each goal, shape (N, n, k), below 0 for who pursued it."""
+        distances = self._distances[fleets[..., -4]]
+        if previous is not None:
+            if previous.pursued.shape != fleets.shape[:2]:
+                raise ValueError(
+                    f'the previous plan is for fleets of shape {previous.pursued.shape}, '
+                    f'not {fleets.shape[:2]}'
+                )
+            held = previous.pursued[..., None] == np.arange(self.mission.k)
+            distances -= self.mission.grid.q * held
+        return distances
+
+    def _actions(self, fleets: IntArray, pursued: IntArray, ranking: IntArray) -> IntArray:
+        """The joint policy: a_k = pi_j(s_k) of the goal that agent k pursues."""
+        states, standby = fleets.reshape(-1, fleets.shape[2]), (pursued < 0).ravel()
+        goals = np.where(pursued < 0, ranking[:, :1], pursued).ravel()
+        # A sub-MDP does not see whether all goals are in range.
+        strict = self.mission.feasibility == 'strict'
+        charged = np.logical_and(strict, states[:, 1 : 1 + self.mission.k].all(axis=1))
+        actions = np.empty(len(states), np.int64)
+        for j, policy in enumerate(self.policies):
+            mine, sub = goals == j, policy.look_ahead.operator.sub
+            q = policy.look_ahead.q_values(states[mine])
+            kinds = np.array([action.kind for action in sub.actions])
+            q[np.ix_(standby[mine], kinds == 'commit')] = np.inf
+            q[np.ix_(charged[mine], kinds == 'recharge')] = np.inf
+            actions[mine] = np.array(sub.numbers)[choose(q) - 1]
+        return actions.reshape(pursued.shape)
+
+
+def _essence(sub: SubMdp) -> SubMdp:
+    """Return the sub-MDP with all blanked that does not enter it; equal ones solve alike."""
+    mission = sub.mission
+    flown_to = {action.goal - 1 for action in sub.actions}
+    goals = tuple(
+        replace(goal, name='')
+        if j in sub.goals
+        else Goal('', goal.cell if j in flown_to else 0, 0.0, 0.0, ())
+        for j, goal in enumerate(mission.goals)
+    )
+    grid = replace(mission.grid, cell_size=0.0, origin=None)
+    return replace(sub, mission=replace(mission, name='', grid=grid, goals=goals, energy=None))
+
+
+def _solve(sub: SubMdp) -> LocalPolicy:
+    """Solve a goal-wise sub-MDP, and the same without commitment."""
+    uncommitted = tuple(action.number for action in sub.actions if action.kind != 'commit')
+    pursuing, idle = (value_iteration(s) for s in (sub, replace(sub, numbers=uncommitted)))
+    gain = np.maximum(idle.value - pursuing.value, 0.0)
+    best = gain.reshape(-1, 3, 3, gain.shape[2]).max(axis=(0, 1, 3))
+    noise = idle.upper - idle.lower + pursuing.upper - pursuing.lower
+    q, normal = sub.mission.grid.q, [row[0] for row in sub.mission.threat.cost]
+    return LocalPolicy(
+        look_ahead=LookAhead(BellmanOperator(sub), pursuing.value),
+        gain=gain,
+        best_gain=np.where(best > noise, best, 0.0),
+        expected_return=-float(pursuing.value[:q].mean() + np.mean(normal)),
+    )

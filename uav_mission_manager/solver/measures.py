@@ -1,0 +1,85 @@
+"""Measures by which Algorithm 1 judges parts of a mission and clusters of goals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uav_mission_manager.mdp.mission import Mission
+
+
+@dataclass(frozen=True)
+class Measures:
+    """What Algorithm 1 judges candidates by, each measure within 0..1.
+
+    Attributes
+    ----------
+    mission : Mission
+    """
+
+    mission: Mission
+
+    @cached_property
+    def worth(self) -> NDArray[np.float64]:
+        """What is at stake in each goal, omega_j = (eta_j + delta_j) u_j, shape (k,).
+
+        u_j is the discounted share of epochs in which the goal is wanted, g_j > 0, if nobody
+        completes it, over evenly drawn priorities at the start.
+        """
+        goals, discount = self.mission.goals, self.mission.discount
+        matrices = np.array([goal.priority_transition for goal in goals])
+        wanted = np.array([[0.0], [1.0], [1.0]])
+        visits = np.linalg.solve(np.eye(3) - discount * matrices, (1 - discount) * wanted)
+        # Rounded: the last digits, which differ between machines, shall not decide a rank.
+        shares = visits.mean(axis=(1, 2)).round(12)
+        return np.array([goal.eta + goal.delta for goal in goals]) * shares
+
+    @cached_property
+    def distances(self) -> NDArray[np.float64]:
+        """Distances between cells over the largest, shape (q, q)."""
+        distances = self.mission.grid.distances()
+        return distances / (distances.max() or 1.0)
+
+    @cached_property
+    def coupling(self) -> NDArray[np.float64]:
+        """Reward coupling of two goals, shape (k, k), 0 on the diagonal.
+
+        sqrt(omega_i omega_j) / max(omega) * (1 + d_ij / diameter) / 2: what one UAV that can
+        serve only one of them at a time loses grows with what is at stake in both, and with the
+        way between them.
+        """
+        cells = [goal.cell for goal in self.mission.goals]
+        ways = (1 + self.distances[np.ix_(cells, cells)]) / 2
+        relative = np.sqrt(self.worth / (self.worth.max() or 1.0))
+        coupling = relative[:, None] * relative * ways
+        np.fill_diagonal(coupling, 0.0)
+        return coupling
+
+    def reward_impact(self, goals: Iterable[int], cells: Iterable[int]) -> float:
+        """Share of all worth that some goals carry which are sited in some cells."""
+        sites, inside = [goal.cell for goal in self.mission.goals], set(cells)
+        carried = math.fsum(self.worth[j] for j in goals if sites[j] in inside)
+        return carried / (math.fsum(self.worth) or 1.0)
+
+    def spatial_coherence(self, cells: Iterable[int]) -> float:
+        """1 - mean distance between two different cells of these / diameter of the grid."""
+        chosen = sorted(set(cells))
+        pairs = len(chosen) * (len(chosen) - 1)
+        return 1 - float(self.distances[np.ix_(chosen, chosen)].sum()) / (pairs or 1)
+
+    def fault_sensitivity(self, faults: Iterable[int]) -> float:
+        """How far completion C and cost phi in some fault modes are from nominal, at most.
+
+        max_f (|C(f) - C(1)| / max C + |phi(f) - phi(1)| / max phi) / 2.
+        """
+        effects = self.mission.faults.completion, self.mission.faults.cost
+        return max(
+            sum(abs(by_mode[f - 1] - by_mode[0]) / (max(by_mode) or 1.0) for by_mode in effects)
+            / 2
+            for f in faults
+        )
