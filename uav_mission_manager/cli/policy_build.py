@@ -14,8 +14,15 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemaining
 
 from uav_mission_manager.cli.errors import one_line_errors
 from uav_mission_manager.mdp import load_mission
-from uav_mission_manager.policy import NAMES, ORDER, Checkpoint, Policy, build_policy
-from uav_mission_manager.solver import FIT_TOLERANCE, PRECISIONS
+from uav_mission_manager.policy import (
+    DEFAULT,
+    NAMES,
+    ORDER,
+    Checkpoint,
+    Policy,
+    build_policy,
+)
+from uav_mission_manager.solver import PRECISIONS
 
 
 def main(args: list[str] | None = None) -> int:
@@ -25,18 +32,24 @@ def main(args: list[str] | None = None) -> int:
     )
     parser.add_argument('mission', help='mission file (YAML)')
     parser.add_argument('--out', required=True, help='directory of the policy set')
-    parser.add_argument('--method', choices=NAMES, default='exact', help='default: %(default)s')
+    parser.add_argument('--method', choices=NAMES, default=DEFAULT, help='default: %(default)s')
     parser.add_argument(
         '--order',
         type=int,
         default=ORDER,
-        help='expansion: most goals looked at together in fine; default: %(default)s',
+        help='expansion: most goals looked at together in full; a mission of no more is solved '
+        'exactly; default: %(default)s',
     )
     parser.add_argument(
         '--max-states',
         type=int,
         metavar='T',
-        help='expansion: most states of a cluster of goals; default: those of ORDER goals',
+        help='T_max: most states of a cluster of goals; default: those of ORDER goals',
+    )
+    parser.add_argument(
+        '--certificate',
+        action=argparse.BooleanOptionalAction,
+        help='bound the cost of the policy from below and above; default: for an expansion',
     )
     parser.add_argument(
         '--tolerance',
@@ -51,7 +64,18 @@ def main(args: list[str] | None = None) -> int:
         help='floating type: double with early sweeps in single (mixed), double or single; single '
         'halves the memory; default: %(default)s',
     )
-    parser.add_argument('--jobs', type=int, help='threads; default: all processors')
+    parser.add_argument(
+        '--jobs',
+        type=int,
+        metavar='N',
+        help='processes for independent sub-problems, default: 1; for the exact solution threads, '
+        'default: all processors',
+    )
+    parser.add_argument(
+        '--scheduler',
+        metavar='ADDRESS',
+        help='solve the sub-problems on a Dask cluster, such as tcp://127.0.0.1:8786',
+    )
     parser.add_argument(
         '--resume',
         action='store_true',
@@ -82,7 +106,7 @@ def _solve(options: argparse.Namespace) -> Policy:
     mission = load_mission(options.mission)
     checkpoint = None
     if options.resume:
-        checkpoint = Checkpoint(options.out, mission, options.method, options.precision)
+        checkpoint = Checkpoint(options.out, mission, 'exact', options.precision)
     console = Console(stderr=True)
     columns = TextColumn('{task.description}'), BarColumn(), TimeRemainingColumn()
     with Progress(
@@ -92,12 +116,14 @@ def _solve(options: argparse.Namespace) -> Policy:
             mission,
             options.method,
             options.tolerance,
-            _bar(progress, options),
-            precision=options.precision,
-            threads=options.jobs,
-            checkpoint=checkpoint,
+            _bar(progress, options.tolerance),
             order=options.order,
             max_states=options.max_states,
+            certificate=options.certificate,
+            precision=options.precision,
+            jobs=options.jobs,
+            scheduler=options.scheduler,
+            checkpoint=checkpoint,
         )
     policy.save(options.out)
     if checkpoint is not None:
@@ -105,20 +131,16 @@ def _solve(options: argparse.Namespace) -> Policy:
     return policy
 
 
-def _bar(progress: Progress, options: argparse.Namespace) -> Callable[[int, int, float], None]:
+def _bar(progress: Progress, tolerance: float) -> Callable[[int, int, float], None]:
     """Progress of each sub-MDP's bound or of the expansion's change, on a logarithmic scale."""
-    fitted = options.method == 'expansion'
-    tolerance = FIT_TOLERANCE if fitted else options.tolerance
     tasks: dict[int, tuple[TaskID, float]] = {}
 
     def on_sweep(position: int, sweep: int, bound: float) -> None:
         if position not in tasks:
             tasks[position] = (progress.add_task(''), bound)
         task, first = tasks[position]
-        done = _decades(first, bound) / max(_decades(first, tolerance), 1e-9)
-        text = f'sub-MDP {position + 1}: sweep {sweep}, within {bound:.1e} of V*'
-        if fitted:
-            text = f'expansion: sweep {sweep}, change {bound:.1e}'
+        done = _decades(first, bound) / max(_decades(first, tolerance), 1e-9) if sweep else 1.0
+        text = f'sub-MDP {position + 1}: sweep {sweep}, within {bound:.1e}'
         progress.update(task, completed=100 * min(done, 1.0), description=text)
 
     return on_sweep
@@ -130,18 +152,20 @@ def _decades(first: float, bound: float) -> float:
 
 def _describe(policy: Policy, summary: dict) -> str:
     sizes = sorted(set(summary['sub_mdp_states']))
-    return '\n'.join(
-        [
-            f'{summary["out"]}: policy of mission {summary["mission"]}, method {policy.method}',
-            f'  states      {summary["states"]:,} in the mission, {summary["goals"]} goals',
-            f'  sub-MDPs    {summary["sub_mdps"]} of {", ".join(f"{n:,}" for n in sizes)} states',
-            f'  sweeps      {", ".join(map(str, summary["iterations"]))}',
-            f'  residual    {summary["residual"]:.2e}',
-            _quality(policy.method, summary),
-            f'  time        {summary["seconds"]} s',
-            f'  size        {summary["bytes"]:,} bytes, digest {summary["digest"][:12]}',
-        ]
-    )
+    lines = [
+        f'{summary["out"]}: policy of mission {summary["mission"]}, method {policy.method}',
+        f'  states      {summary["states"]:,} in the mission, {summary["goals"]} goals',
+        f'  sub-MDPs    {summary["sub_mdps"]} of {", ".join(f"{n:,}" for n in sizes)} states',
+        f'  sweeps      {", ".join(map(str, summary["iterations"]))}',
+        f'  residual    {summary["residual"]:.2e}',
+        _quality(policy.method, summary),
+        f'  time        {summary["seconds"]} s',
+        f'  size        {summary["bytes"]:,} bytes, digest {summary["digest"][:12]}',
+    ]
+    if policy.certificate is not None:
+        gap, error = summary['gap'], summary['gap_error']
+        lines.insert(-2, f'  certified   on average within {gap:.2%} +- {error:.2%} of V*')
+    return '\n'.join(lines)
 
 
 def _quality(method: str, summary: dict) -> str:

@@ -65,6 +65,8 @@ def _answer(policy: Policy, state: list[int]) -> dict[str, Any]:
         'margin': decision.margin if decision.runner_up else None,
         'reason': decision.reason,
         'lower_bound': decision.lower_bound,
+        'upper_bound': decision.upper_bound if math.isfinite(decision.upper_bound) else None,
+        'upper_bound_holds': policy.upper_bound_holds,
         'sub_mdps': [
             {'goals': [mission.goals[j].name for j in goals], 'value': float(value)}
             for goals, value in parts
@@ -85,6 +87,9 @@ def _print(policy: Policy, answer: dict[str, Any]) -> None:
     console.print(table)
     console.print(f'why: {answer["reason"]}', highlight=False)
     console.print(f'lower bound on V*: {answer["lower_bound"]:.6f}')
+    if answer['upper_bound'] is not None:
+        upper, holds = answer['upper_bound'], answer['upper_bound_holds']
+        console.print(f'upper bound on the cost of this policy: {upper:.6f} ({holds})')
     for part in answer['sub_mdps']:
         console.print(f'sub-MDP of {", ".join(part["goals"])}: V = {part["value"]:.6f}')
 

@@ -75,6 +75,12 @@ class StateSpace:
         digits[0] -= 1
         return np.asarray(np.ravel_multi_index(tuple(digits), self.shape), dtype=np.int64)
 
+    def draw(self, count: int, rng: np.random.Generator) -> IntArray:
+        """States drawn evenly, shape (count, 2k+5)."""
+        rows = rng.integers(0, self.shape, (count, len(self.shape)))
+        rows[:, 0] += 1
+        return rows
+
     def states(self, indices: ArrayLike | None = None) -> IntArray:
         """States of indices, shape (N, 2k+5); all of them by default."""
         chosen = np.arange(self.size) if indices is None else np.asarray(indices)

@@ -46,6 +46,7 @@ def decision_status(
         values=' '.join(f'{value:.6g}' for value in outcome.values),
         margin=f'{outcome.margin:.6g}',
         lower_bound=f'{outcome.lower_bound:.6g}',
+        upper_bound=f'{outcome.upper_bound:.6g}',
         policy=digest,
         **ages,
     )

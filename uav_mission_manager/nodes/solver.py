@@ -15,11 +15,12 @@ from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.parameters import Parameter, declare
 from uav_mission_manager.nodes.runtime import run
 from uav_mission_manager.paths import share_directory
+from uav_mission_manager.policy import DEFAULT
 
 PARAMETERS = (
     Parameter('mission', '', 'Mission file, read at every build; empty is the shipped case study',
               read_only=False),
-    Parameter('method', 'exact', 'exact, expansion, split, highest_priority '
+    Parameter('method', DEFAULT, 'exact, expansion, split, highest_priority '
               'or best_value', read_only=False),
     Parameter('out', '', 'Directory of the policy set; empty is uav_mission_manager/MISSION in '
               'ROS_HOME (~/.ros)', read_only=False),

@@ -7,37 +7,46 @@ from functools import partial
 from pathlib import Path
 
 from uav_mission_manager.mdp import Mission
+from uav_mission_manager.policy.certificate import certify
 from uav_mission_manager.policy.checkpoint import Checkpoint
 from uav_mission_manager.policy.expansion_policy import ExpansionPolicy
 from uav_mission_manager.policy.policy import METHODS, Policy
 from uav_mission_manager.policy.store import PolicyError, read_policy_set
+from uav_mission_manager.policy.workers import Task, workers
 from uav_mission_manager.solver import (
     Clusters,
     LookAhead,
-    certificate,
     cluster_states,
+    covering,
     fit_expansion,
+    lower_bound,
     value_iteration,
 )
 
 NAMES = ('exact', 'expansion', *(name for name in METHODS if name != 'exact'))
 """Methods of `build_policy`."""
 
-ORDER = 2
-"""Most goals of an expansion's clusters in fine, by default."""
+DEFAULT = 'expansion'
+
+ORDER = 3
+"""Most goals of an expansion's clusters in full, by default."""
+
+OnSweep = Callable[[int, int, float], None]
 
 
 def build_policy(
     mission: Mission,
-    method: str = 'exact',
+    method: str = DEFAULT,
     tolerance: float = 1e-7,
-    on_sweep: Callable[[int, int, float], None] | None = None,
+    on_sweep: OnSweep | None = None,
     *,
-    precision: str = 'mixed',
-    threads: int | None = None,
-    checkpoint: Checkpoint | None = None,
     order: int = ORDER,
     max_states: int | None = None,
+    certificate: bool | None = None,
+    precision: str = 'mixed',
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> Policy:
     """Solve a mission.
 
@@ -45,56 +54,105 @@ def build_policy(
     ----------
     mission : Mission
     method : {'exact', 'expansion', 'split', 'highest_priority', 'best_value'}
+        An expansion of a mission that is one cluster by itself is the exact solution.
     tolerance : float
         Largest distance of each sub-MDP's V from its optimum, in cost; an expansion is fitted to
         a tolerance of its own.
     on_sweep : callable, optional
-        Called with the sub-MDP's position, the sweep and the distance bound reached.
-    precision, threads
-        See `uav_mission_manager.solver.value_iteration`.
-    checkpoint : Checkpoint, optional
-        Where to go on from and to leave word from time to time; not for an expansion.
+        Called with the sub-MDP's position, the sweep and the distance bound reached, as far as
+        sub-MDPs are solved in this process, and with 0 and 0.0 when one is done elsewhere.
     order : int
-        Most goals of an expansion's clusters in fine; one more in coarse.
+        Most goals of an expansion's clusters in full.
     max_states : int, optional
         T_max: most states of a cluster; as many as `order` goals make by default.
+    certificate : bool, optional
+        Whether to bound the policy's cost; by default that of an expansion is.
+    precision
+        See `uav_mission_manager.solver.value_iteration`.
+    jobs : int, optional
+        Processes for independent sub-problems, one by default; of the exact solution threads, all
+        processors by default.
+    scheduler : str, optional
+        Address of a Dask scheduler, see `uav_mission_manager.policy.workers`.
+    checkpoint : Checkpoint, optional
+        Where the exact solution goes on from and leaves word from time to time.
 
     Raises
     ------
     ValueError
-        If there is no such method or precision, or order or max_states are too small.
+        If there is no such method or precision, or a number is out of its range.
     MissionSizeError
         If the memory does not suffice.
     """
     if method not in NAMES:
         raise ValueError(f'method {method!r} is none of {", ".join(NAMES)}')
+    if max_states is None:
+        max_states = cluster_states(mission, max(order, 1))
     if method == 'expansion':
-        if max_states is None:
-            max_states = cluster_states(mission, order, 6)
         clusters = Clusters.up_to(mission, order, max_states)
-        sweeps = None if on_sweep is None else partial(on_sweep, 0)
-        expansion = fit_expansion(mission, clusters, on_sweep=sweeps)
-        return ExpansionPolicy(expansion, certificate(mission, max_states))
-    solutions = []
-    for position, sub in enumerate(METHODS[method].decompose(mission)):
-
-        def report(sweep: int, bound: float, position: int = position) -> None:
-            if on_sweep is not None:
-                on_sweep(position, sweep, bound)
-
-        solutions.append(
-            value_iteration(
-                sub,
-                tolerance,
-                on_sweep=report,
-                precision=precision,
-                threads=threads,
-                start=checkpoint.load(position) if checkpoint else None,
-                on_values=partial(checkpoint.save, position) if checkpoint else None,
-                with_actions=method == 'exact' and not LookAhead.tabulates(sub),
-            )
+        if any(group.n == group.detail == mission.k for group in clusters.groups):
+            method = 'exact'
+    if method == 'exact':
+        return _exact(mission, tolerance, on_sweep, precision, jobs, checkpoint)
+    if checkpoint is not None:
+        raise ValueError(f'method {method!r} leaves no checkpoint to go on from; exact does')
+    if certificate is None:
+        certificate = method == 'expansion'
+    with workers(1 if jobs is None else jobs, scheduler) as pool:
+        report = on_sweep if pool.here else None
+        if method == 'expansion':
+            on_fit = report and partial(report, 0)
+            tasks: list[Task] = [partial(fit_expansion, mission, clusters, on_sweep=on_fit)]
+        else:
+            tasks = [
+                partial(
+                    value_iteration,
+                    sub,
+                    tolerance,
+                    on_sweep=report and partial(report, position),
+                    precision=precision,
+                    threads=1,
+                )
+                for position, sub in enumerate(METHODS[method].decompose(mission))
+            ]
+        if certificate:
+            tasks.append(partial(lower_bound, mission, covering(mission, max_states)))
+        results = []
+        for position, result in enumerate(pool.run(tasks)):
+            results.append(result)
+            if on_sweep is not None and not pool.here:
+                on_sweep(position, 0, 0.0)
+        bound = results.pop() if certificate else None
+        policy = (
+            ExpansionPolicy(*results)
+            if method == 'expansion'
+            else Policy(mission, method, results)
         )
-    return Policy(mission, method, solutions)
+        if bound is not None:
+            policy.certificate = certify(policy, bound, pool)
+    return policy
+
+
+def _exact(
+    mission: Mission,
+    tolerance: float,
+    on_sweep: OnSweep | None,
+    precision: str,
+    threads: int | None,
+    checkpoint: Checkpoint | None,
+) -> Policy:
+    (sub,) = METHODS['exact'].decompose(mission)
+    solution = value_iteration(
+        sub,
+        tolerance,
+        on_sweep=partial(on_sweep, 0) if on_sweep else None,
+        precision=precision,
+        threads=threads,
+        start=checkpoint.load(0) if checkpoint else None,
+        on_values=partial(checkpoint.save, 0) if checkpoint else None,
+        with_actions=not LookAhead.tabulates(sub),
+    )
+    return Policy(mission, 'exact', [solution])
 
 
 def load_policy(directory: str | Path, mission: Mission | None = None) -> Policy:
@@ -125,8 +183,10 @@ def load_policy(directory: str | Path, mission: Mission | None = None) -> Policy
             if found != wanted:
                 raise PolicyError(f'{directory}: mission.{what}: {found} are not {wanted}')
     if contents.expansion is not None:
-        return ExpansionPolicy(contents.expansion, contents.bound, digest)
-    return Policy(contents.mission, contents.method, contents.solutions, digest)
+        return ExpansionPolicy(contents.expansion, digest, contents.certificate)
+    return Policy(
+        contents.mission, contents.method, contents.solutions, digest, contents.certificate
+    )
 
 
 def _geography(mission: Mission) -> dict[str, object]:

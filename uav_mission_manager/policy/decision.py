@@ -33,6 +33,8 @@ class Decision:
         Q of the runner-up less Q of the choice; inf without a runner-up, not below 0.
     lower_bound : float
         Guaranteed lower bound on the optimal cost V*(s).
+    upper_bound : float
+        Upper bound on the cost V^pi(s) of the policy; inf where none is known.
     reason : str
         One line for people.
     """
@@ -43,6 +45,7 @@ class Decision:
     values: tuple[float, ...]
     margin: float
     lower_bound: float
+    upper_bound: float
     reason: str
 
 
@@ -53,6 +56,7 @@ def decide(
     number: int,
     values: NDArray[np.float64],
     lower_bound: float,
+    upper_bound: float,
 ) -> Decision:
     """Say why an action is chosen, by the Q values (2k+4,) of the state."""
     rest = values.copy()
@@ -71,6 +75,7 @@ def decide(
         values=tuple(values.tolist()),
         margin=margin,
         lower_bound=lower_bound,
+        upper_bound=upper_bound,
         reason=reason,
     )
 

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from uav_mission_manager.policy.certificate import Certificate
 from uav_mission_manager.policy.policy import Policy
 from uav_mission_manager.policy.store import PolicySet, write_policy_set
-from uav_mission_manager.solver import Expansion, ExpansionLookAhead, LowerBound, choose
+from uav_mission_manager.solver import Expansion, ExpansionLookAhead, choose
+from uav_mission_manager.solver.simulation import ControlVariate
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -23,23 +25,26 @@ class ExpansionPolicy(Policy):
     Attributes
     ----------
     expansion : Expansion
-    bound : LowerBound or None
-        Its certificate from below.
     """
 
     def __init__(
-        self, expansion: Expansion, bound: LowerBound | None = None, digest: str = ''
+        self, expansion: Expansion, digest: str = '', certificate: Certificate | None = None
     ) -> None:
-        super().__init__(expansion.mission, 'expansion', (), digest)
-        self.expansion, self.bound = expansion, bound
+        super().__init__(expansion.mission, 'expansion', (), digest, certificate)
+        self.expansion = expansion
 
     @cached_property
     def _look_ahead(self) -> ExpansionLookAhead:
         return ExpansionLookAhead(self.expansion)
 
     @property
+    def control(self) -> ControlVariate:
+        """The expansion, and Q in it."""
+        return ControlVariate(self._look_ahead.values, self._look_ahead.q_values)
+
+    @property
     def info(self) -> dict[str, Any]:
-        """What is known of the policy: sizes, sweeps, residual."""
+        """What is known of the policy: sizes, sweeps, residual, certificate."""
         expansion = self.expansion
         return {
             'mission': self.mission.name,
@@ -53,6 +58,7 @@ class ExpansionPolicy(Policy):
             'iterations': [expansion.iterations],
             'residual': expansion.spread / 2,
             'converged': expansion.converged,
+            **self._certified,
             'digest': self.digest,
         }
 
@@ -63,7 +69,11 @@ class ExpansionPolicy(Policy):
         return choose(self._q_values(rows))
 
     def _lower_bound(self, rows: IntArray) -> FloatArray:
-        return np.zeros(len(rows)) if self.bound is None else self.bound.values(rows)
+        return np.zeros(len(rows))
+
+    def estimate(self, least: FloatArray, sums: FloatArray) -> FloatArray:
+        """V', to which the certificate's offset is added, of the least Q and the lower bound."""
+        return np.maximum(least, sums)
 
     @property
     def parts(self) -> list[tuple[int, ...]]:
@@ -81,5 +91,7 @@ class ExpansionPolicy(Policy):
 
     def save(self, directory: str | Path) -> None:
         """Write a policy set (see `uav_mission_manager.policy.store`). Raises `PolicyError`."""
-        contents = PolicySet(self.mission, self.method, (), self.expansion, self.bound)
+        contents = PolicySet(
+            self.mission, self.method, (), self.expansion, certificate=self.certificate
+        )
         self.digest = write_policy_set(contents, Path(directory))

@@ -12,11 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uav_mission_manager.mdp import Mission, StateSpace
+from uav_mission_manager.policy.certificate import Certificate
 from uav_mission_manager.policy.decision import Decision, decide
-from uav_mission_manager.policy.store import (
-    PolicySet,
-    write_policy_set,
-)
+from uav_mission_manager.policy.store import PolicySet, write_policy_set
 from uav_mission_manager.solver import (
     BellmanOperator,
     LookAhead,
@@ -30,6 +28,7 @@ from uav_mission_manager.solver import (
     summed,
     whole_mission,
 )
+from uav_mission_manager.solver.simulation import ControlVariate
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -68,12 +67,20 @@ class Policy:
         One a sub-MDP, in the method's order.
     digest : str
         SHA-256 of the policy set it was loaded from or saved to; empty before.
+    certificate : Certificate or None
+        How far it may be from the optimum, where that was asked for.
     """
 
     def __init__(
-        self, mission: Mission, method: str, solutions: Sequence[Solution], digest: str = ''
+        self,
+        mission: Mission,
+        method: str,
+        solutions: Sequence[Solution],
+        digest: str = '',
+        certificate: Certificate | None = None,
     ) -> None:
         self.mission, self.method, self.digest = mission, method, digest
+        self.certificate = certificate
         self.solutions = tuple(solutions)
         self.space = StateSpace(mission.k, mission.grid.q)
         self._operators = [BellmanOperator(solution.sub) for solution in self.solutions]
@@ -85,6 +92,11 @@ class Policy:
             LookAhead(operator, solution.value)
             for operator, solution in zip(self._operators, self.solutions)
         ]
+
+    @property
+    def control(self) -> ControlVariate | None:
+        """What simulates its cost with less variance than the costs themselves, if anything."""
+        return None
 
     @property
     def info(self) -> dict[str, Any]:
@@ -101,7 +113,22 @@ class Policy:
             'lower': sum(solution.lower for solution in self.solutions),
             'upper': sum(solution.upper for solution in self.solutions),
             'converged': all(solution.converged for solution in self.solutions),
+            **self._certified,
             'digest': self.digest,
+        }
+
+    @property
+    def _certified(self) -> dict[str, Any]:
+        """What `info` says of the certificate."""
+        certificate = self.certificate
+        if certificate is None:
+            return {}
+        return {
+            'gap': certificate.gap,
+            'gap_error': certificate.gap_error,
+            'offset': certificate.offset,
+            'coverage': certificate.coverage,
+            'confidence': certificate.confidence,
         }
 
     def q_values(self, states: ArrayLike) -> FloatArray:
@@ -132,7 +159,42 @@ class Policy:
 
     def lower_bound(self, states: ArrayLike) -> FloatArray:
         """Guaranteed lower bound on V*, shape (N,); 0 where none is known."""
-        return self._lower_bound(self.space.check(states))
+        rows = self.space.check(states)
+        bound = self._lower_bound(rows)
+        if self.certificate is not None:
+            bound = np.maximum(bound, self.certificate.bound.sums(rows))
+        return bound
+
+    def upper_bound(self, states: ArrayLike) -> FloatArray:
+        """Upper bound on the cost V^pi of this policy, shape (N,); inf where none is known.
+
+        `upper_bound_holds` says where it holds.
+        """
+        rows = self.space.check(states)
+        return self._bounds(rows, self._q_values(rows).min(axis=1))[1]
+
+    def _bounds(self, rows: IntArray, least: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Bounds in valid states of which the least Q is known."""
+        lower, certificate = self._lower_bound(rows), self.certificate
+        if self.method == 'exact':
+            solution = self.solutions[0]
+            offset = solution.upper + solution.policy_loss_bound
+            return lower, self.part_values(rows)[:, 0] + offset
+        if certificate is None:
+            return lower, np.full(len(rows), np.inf)
+        sums = certificate.bound.sums(rows)
+        return np.maximum(lower, sums), self.estimate(least, sums) + certificate.offset
+
+    @property
+    def upper_bound_holds(self) -> str:
+        """Where `upper_bound` holds, in words."""
+        if self.method == 'exact':
+            return 'everywhere'
+        return 'nowhere' if self.certificate is None else self.certificate.holds
+
+    def estimate(self, least: FloatArray, sums: FloatArray) -> FloatArray:
+        """V', to which the certificate's offset is added, of the least Q and the lower bound."""
+        return sums
 
     def _lower_bound(self, rows: IntArray) -> FloatArray:
         if not METHODS[self.method].bounded:
@@ -162,12 +224,16 @@ class Policy:
     def decide(self, state: Sequence[int]) -> Decision:
         """Decide in one state, [f r.. g.. l c t m]. Raises `StateError`."""
         row = self.space.check(state)
-        values, bound = self._q_values(row)[0], float(self._lower_bound(row)[0])
+        values = self._q_values(row)[0]
         stored = self.solutions and self.solutions[0].actions is not None
         number = int((self._act(row) if stored else choose(values[None]))[0])
-        return decide(self.mission, self._whole.actions, row[0].tolist(), number, values, bound)
+        bounds = (float(bound[0]) for bound in self._bounds(row, values.min(keepdims=True)))
+        actions = self._whole.actions
+        return decide(self.mission, actions, row[0].tolist(), number, values, *bounds)
 
     def save(self, directory: str | Path) -> None:
         """Write a policy set (see `uav_mission_manager.policy.store`). Raises `PolicyError`."""
-        contents = PolicySet(self.mission, self.method, self.solutions)
+        contents = PolicySet(
+            self.mission, self.method, self.solutions, certificate=self.certificate
+        )
         self.digest = write_policy_set(contents, Path(directory))

@@ -19,10 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uav_mission_manager.mdp import Mission, MissionError, mission_from_dict
+from uav_mission_manager.policy.certificate import Certificate
 from uav_mission_manager.solver import (
     BellmanOperator,
     Clusters,
     Expansion,
+    Group,
     LowerBound,
     Solution,
     SubMdp,
@@ -32,6 +34,7 @@ SCHEMA = 3
 MANIFEST = 'manifest.json'
 ARRAYS = {'value': ('float64', 'float32'), 'actions': ('uint8',)}
 CHUNK = 1 << 20
+CERTAINTY = ('offset', 'coverage', 'confidence', 'gap', 'gap_error')
 FIT = ('points', 'iterations', 'spread', 'converged')
 QUALITY = ('lower', 'upper', 'residual', 'iterations', 'converged')
 
@@ -48,7 +51,7 @@ class PolicySet:
     method: str
     solutions: tuple[Solution, ...]
     expansion: Expansion | None = None
-    bound: LowerBound | None = None
+    certificate: Certificate | None = None
 
 
 def write_policy_set(contents: PolicySet, directory: Path) -> str:
@@ -99,8 +102,10 @@ def read_policy_set(directory: Path) -> tuple[PolicySet, str]:
         expansion = None
         if 'expansion' in manifest:
             expansion = _read_expansion(directory, mission, manifest['expansion'])
-        bound = _read_bound(directory, mission, manifest['bound']) if 'bound' in manifest else None
-        contents = PolicySet(mission, str(manifest['method']), solutions, expansion, bound)
+        certificate = None
+        if 'certificate' in manifest:
+            certificate = _read_certificate(directory, mission, manifest['certificate'])
+        contents = PolicySet(mission, str(manifest['method']), solutions, expansion, certificate)
     except MissionError as error:
         raise PolicyError(str(error)) from error
     except (LookupError, TypeError) as error:
@@ -134,10 +139,12 @@ def _write(contents: PolicySet, directory: Path) -> str:
     }
     if contents.expansion is not None:
         manifest['expansion'] = _write_expansion(directory, contents.expansion)
-    if contents.bound is not None:
-        manifest['bound'] = {
-            'clusters': contents.bound.clusters.tolist(),
-            'tables': _write_array(directory / 'bound.npy', contents.bound.tables),
+    if contents.certificate is not None:
+        bound = contents.certificate.bound
+        manifest['certificate'] = {
+            **{name: getattr(contents.certificate, name) for name in CERTAINTY},
+            'clusters': bound.clusters.tolist(),
+            'tables': _write_array(directory / 'bound.npy', bound.tables),
         }
     manifest['digest'] = _digest(manifest)
     (directory / MANIFEST).write_text(_text(manifest))
@@ -167,7 +174,7 @@ def _write_part(directory: Path, position: int, solution: Solution) -> dict[str,
 
 def _write_expansion(directory: Path, expansion: Expansion) -> dict[str, Any]:
     return {
-        'clusters': vars(expansion.clusters),
+        'clusters': [vars(group) for group in expansion.clusters.groups],
         **{name: getattr(expansion, name) for name in FIT},
         'theta': _write_array(directory / 'theta.npy', expansion.theta),
     }
@@ -179,21 +186,21 @@ def _write_array(file: Path, array: NDArray[Any]) -> dict[str, str]:
 
 
 def _read_expansion(directory: Path, mission: Mission, part: dict[str, Any]) -> Expansion:
-    fine, coarse = (
-        tuple(tuple(map(tuple, group)) for group in part['clusters'][detail])
-        for detail in ('fine', 'coarse')
-    )
-    clusters = Clusters(fine, coarse)
-    shape = clusters.features, mission.grid.q + mission.k, 3, 8
+    groups = [
+        Group(group['detail'], tuple(map(tuple, group['clusters']))) for group in part['clusters']
+    ]
+    clusters = Clusters(tuple(groups))
+    shape = mission.grid.q + mission.k, 3, 8, clusters.features
     theta = _read_array(directory, part['theta'], shape, ('float32',))
     return Expansion(mission, clusters, theta, **{name: part[name] for name in FIT})
 
 
-def _read_bound(directory: Path, mission: Mission, part: dict[str, Any]) -> LowerBound:
+def _read_certificate(directory: Path, mission: Mission, part: dict[str, Any]) -> Certificate:
     clusters = np.array(part['clusters'])
     shape = len(clusters), mission.grid.q + mission.k, 3, 8, *(6,) * clusters.shape[1]
     tables = _read_array(directory, part['tables'], shape, ('float32',))
-    return LowerBound(mission, clusters, tables)
+    bound = LowerBound(mission, clusters, tables)
+    return Certificate(bound, **{name: part[name] for name in CERTAINTY})
 
 
 def _sha256(file: Path) -> str:

@@ -1,8 +1,8 @@
 """Solving the mission: sub-MDPs, Bellman backup, value iteration, recombination."""
 
-from uav_mission_manager.solver.basis import Clusters, cluster_states
+from uav_mission_manager.solver.basis import Clusters, Group, cluster_states
 from uav_mission_manager.solver.bellman import BellmanOperator
-from uav_mission_manager.solver.bounds import LowerBound, certificate, lower_bound
+from uav_mission_manager.solver.bounds import LowerBound, covering, lower_bound
 from uav_mission_manager.solver.expansion import FIT_TOLERANCE, Expansion, fit_expansion
 from uav_mission_manager.solver.expansion_look_ahead import ExpansionLookAhead
 from uav_mission_manager.solver.look_ahead import LookAhead
@@ -24,6 +24,7 @@ __all__ = [
     'Clusters',
     'Expansion',
     'ExpansionLookAhead',
+    'Group',
     'LookAhead',
     'LowerBound',
     'MissionSizeError',
@@ -31,9 +32,9 @@ __all__ = [
     'SubMdp',
     'Sweeper',
     'best_value',
-    'certificate',
     'choose',
     'cluster_states',
+    'covering',
     'fit_expansion',
     'goal_sub_mdps',
     'highest_priority',

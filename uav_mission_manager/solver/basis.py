@@ -4,15 +4,18 @@ A feature is a product over the goals of a cluster T of one function of each x_j
 Given the way an action leads, the x_j move independently, so that the expectation of a feature is
 the product of the expectations: E[prod b(x_j')] = prod E[b(x_j')].
 
-Five functions and the constant tell all six x_j apart: the features of a *fine* cluster span all
-functions of its goals. Two and the constant tell apart what matters most, out of range, in
-range and idle, in range and wanted: those of a *coarse* cluster span all functions of these. So
-three goals in coarse are as many states, 41,472 on 8 cells, as two in fine.
+Five functions and the constant tell all six x_j apart. The first two, the *coarse* ones, tell
+apart what matters most: out of range, in range and idle, in range and wanted. A feature of n
+goals with i factors that are not coarse is a function on a sub-MDP in which i of the goals take
+six values and the others two, and all features without such factors are on one in which each
+takes three. So a cluster of three goals with at most one such factor each is made of sub-MDPs no
+larger than that of two goals in full, 41,472 states on 8 cells.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,28 +26,68 @@ from numpy.typing import DTypeLike, NDArray
 from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.solver.axes import FloatArray
 from uav_mission_manager.solver.factors import FLAGS, LEVELS, Factors
+from uav_mission_manager.solver.measures import Measures
 
 LIKELIHOOD = np.array([0.5, 0.25, 0.25])[LEVELS] * np.array([0.45, 0.55])[FLAGS]
 """Weight of each x_j in a fit. Measured: other weights of priority and range cost more, equal
 ones ten times as much (goals just completed matter, and are few among all states)."""
 
+FEATURES, COMPLETE = 1536, 2304
+"""Most features of an expansion of order two, and for each order more; where all clusters of the
+order are in it, it may have half as many more."""
+
+COARSE = 2
+"""Functions of each x_j that are coarse."""
+
+FUNCTIONS = 6
+"""Of each x_j: the constant, the coarse ones and the rest."""
+
 
 @dataclass(frozen=True)
-class Clusters:
-    """Which goals are looked at together, by tuples of goals from 0, ascending.
+class Group:
+    """Clusters of as many goals, looked at in the same detail.
 
     Attributes
     ----------
-    fine, coarse : tuple of tuple of tuple of int
-        Clusters of 1, 2, .. goals in fine; of more goals in coarse.
+    detail : int
+        Most factors of a feature that are not coarse.
+    clusters : tuple of tuple of int
+        Goals from 0, ascending; those that couple most closely first.
     """
 
-    fine: tuple[tuple[tuple[int, ...], ...], ...]
-    coarse: tuple[tuple[tuple[int, ...], ...], ...]
+    detail: int
+    clusters: tuple[tuple[int, ...], ...]
+
+    @property
+    def n(self) -> int:
+        """Goals of a cluster."""
+        return len(self.clusters[0])
+
+    @property
+    def size(self) -> int:
+        """Features of a cluster."""
+        return _features(self.n, self.detail)
+
+
+@dataclass(frozen=True)
+class Clusters:
+    """Which goals an expansion looks at together.
+
+    Attributes
+    ----------
+    groups : tuple of Group
+        Those of fewer goals first, of as many goals those in more detail.
+    """
+
+    groups: tuple[Group, ...]
 
     @classmethod
     def up_to(cls, mission: Mission, order: int, max_states: int) -> Clusters:
-        """All clusters of at most `order` goals in fine and one more in coarse that fit T_max.
+        """Clusters of at most `order` goals in full and of one more in less detail, within T_max.
+
+        All of them, where they have no more than `COMPLETE` times (order - 1) features. Else up
+        to `FEATURES` times that: those of fewer goals first, and of as many goals those that
+        couple most closely, in more detail as far as there is room.
 
         Raises
         ------
@@ -53,53 +96,91 @@ class Clusters:
         """
         if order < 1:
             raise ValueError(f'order {order} must be at least 1')
-        size = cluster_states(mission, 1, 6)
-        if size > max_states:
-            raise ValueError(f'max_states {max_states} is below the {size} states of one goal')
-        k = mission.k
-        orders = range(1, min(order, k) + 1)
-        fine = [n for n in orders if cluster_states(mission, n, 6) <= max_states]
-        coarse = range(len(fine) + 1, min(order + 1, k) + 1)
-        fitting = [n for n in coarse if cluster_states(mission, n, 3) <= max_states]
+        if cluster_states(mission, 1) > max_states:
+            raise ValueError(f'no goal has a sub-MDP of at most T_max = {max_states:,} states')
+        for most in (COMPLETE, FEATURES):
+            clusters, complete = cls._fill(mission, order, max_states, most * max(1, order - 1))
+            if complete:
+                break
+        return clusters
 
-        def combinations(n: int) -> tuple[tuple[int, ...], ...]:
-            return tuple(itertools.combinations(range(k), n))
+    @classmethod
+    def _fill(
+        cls, mission: Mission, order: int, max_states: int, features: int
+    ) -> tuple[Clusters, bool]:
+        """As many clusters as there is room for, and whether these are all in most detail."""
+        room, groups, complete, measures = features - 1, [], True, Measures(mission)
+        for n in range(1, min(order + 1, mission.k) + 1):
+            details = [
+                detail
+                for detail in ((1,) if n == 1 else (0, 1, n))
+                if (n <= order or detail < n)
+                and cluster_states(mission, n, _values(n, detail)) <= max_states
+            ]
+            sizes = [0, *(_features(n, detail) for detail in details)]
+            counts, most = [], math.comb(mission.k, n)
+            for size in np.diff(sizes).tolist():
+                most = most if n == 1 else min(most, room // size)
+                room -= most * size
+                counts.append(most)
+            complete &= not counts or counts[-1] == math.comb(mission.k, n)
+            closest = measures.closest(n) if any(counts) else ()
+            starts = [*counts[1:], 0]
+            for detail, start, end in list(zip(details, starts, counts))[::-1]:
+                if end > start:
+                    groups.append(Group(detail, closest[start:end]))
+        return cls(tuple(groups)), complete
 
-        return cls(tuple(map(combinations, fine)), tuple(map(combinations, fitting)))
+    def within(self, features: int) -> Clusters:
+        """Return the first of the clusters that have no more features, single goals at least."""
+        room, groups = features - 1, []
+        for group in self.groups:
+            most = len(group.clusters) if group.n == 1 else max(room, 0) // group.size
+            if kept := group.clusters[:most]:
+                groups.append(Group(group.detail, kept))
+            room -= len(kept) * group.size
+        return Clusters(tuple(groups))
+
+    def of(self, goal: int) -> Clusters:
+        """Return those that hold a goal, in their order."""
+        groups = (
+            Group(group.detail, tuple(c for c in group.clusters if goal in c))
+            for group in self.groups
+        )
+        return Clusters(tuple(group for group in groups if group.clusters))
 
     @property
     def features(self) -> int:
         """Number of features, P."""
-        sizes = [(clusters, 5) for clusters in self.fine] + [(c, 2) for c in self.coarse]
-        return 1 + sum(base ** len(c) for clusters, base in sizes for c in clusters)
-
-    def of(self, goal: int) -> Clusters:
-        """Return those that hold a goal, in their order."""
-        fine, coarse = (
-            tuple(tuple(c for c in clusters if goal in c) for clusters in parts)
-            for parts in (self.fine, self.coarse)
-        )
-        return Clusters(fine, coarse)
+        return 1 + sum(len(group.clusters) * group.size for group in self.groups)
 
     @property
     def count(self) -> int:
         """Number of clusters."""
-        return sum(map(len, (*self.fine, *self.coarse)))
+        return sum(len(group.clusters) for group in self.groups)
 
     def states(self, mission: Mission) -> list[int]:
-        """States of each cluster's sub-MDP."""
-        parts = [(c, 6) for clusters in self.fine for c in clusters]
-        parts += [(c, 3) for clusters in self.coarse for c in clusters]
-        return [cluster_states(mission, len(cluster), values) for cluster, values in parts]
+        """States of each cluster's largest sub-MDP."""
+        return [
+            cluster_states(mission, group.n, _values(group.n, group.detail))
+            for group in self.groups
+            for _ in group.clusters
+        ]
 
 
-def cluster_states(mission: Mission, n: int, values: int) -> int:
-    """States of a sub-MDP of n goals of which x_j is known to so many values."""
-    return 8 * values**n * mission.grid.q * (n + 1) * 6
+def cluster_states(mission: Mission, n: int, values: int | None = None) -> int:
+    """States of a sub-MDP of n goals whose x_j together take so many values, 6^n in full."""
+    return 8 * (6**n if values is None else values) * mission.grid.q * (n + 1) * 6
 
 
-FUNCTIONS = 8
-"""Of each x_j: the constant, five fine and two coarse."""
+def _features(n: int, detail: int) -> int:
+    rest = FUNCTIONS - 1 - COARSE
+    return sum(math.comb(n, i) * rest**i * COARSE ** (n - i) for i in range(min(detail, n) + 1))
+
+
+def _values(n: int, detail: int) -> int:
+    """Values that x_1..x_n take together in the largest sub-MDP of a cluster."""
+    return 6**n if detail >= n else max(6**detail * 2 ** (n - detail), 3**n)
 
 
 class Basis:
@@ -111,33 +192,48 @@ class Basis:
     ----------
     size : int
         P, the constant feature counted, which is the first.
+    products : list of tuple of int
+        Positions of each feature's factors, `FUNCTIONS` times the goal plus the function.
     """
 
     def __init__(self, factors: Factors, clusters: Clusters) -> None:
         self.factors, self.clusters, self.size = factors, clusters, clusters.features
         wanted = FLAGS * (LEVELS > 0)
-        fine, coarse = np.eye(6)[:, 1:], np.stack([FLAGS, wanted], axis=1)
-        parts = [np.ones((6, 1)), _orthonormal(fine), _orthonormal(coarse)]
-        functions = np.hstack(parts)
+        functions = _orthonormal(np.column_stack([np.ones(6), FLAGS, wanted, np.eye(6)[:, 2:5]]))
         self._now = np.broadcast_to(functions, (1, factors.k, *functions.shape))
         self._next = factors.goals @ functions
         self._achieved = factors.achieved @ functions
-        self._index = self._factors(range(1, 6), range(6, 8))
+        self.products = self._products()
+        most = max(map(len, self.products))
+        # 0 is a constant, and fills up.
+        filled = [product + (0,) * (most - len(product)) for product in self.products]
+        self._index = np.array(filled, np.intp).reshape(self.size, most).T
 
-    def _factors(self, *details: range) -> NDArray[np.intp]:
-        """Position of each feature's factors, (most goals, P); 0, the constant, fills up."""
-        clusters = self.clusters
+    def _products(self) -> list[tuple[int, ...]]:
         products: list[tuple[int, ...]] = [()]
-        for functions, groups in zip(details, (clusters.fine, clusters.coarse)):
-            for goals in (cluster for group in groups for cluster in group):
-                own = ([FUNCTIONS * j + b for b in functions] for j in goals)
-                products += itertools.product(*own)
-        most = max(map(len, products))
-        return np.array([p + (0,) * (most - len(p)) for p in products], np.intp).T
+        for group in self.clusters.groups:
+            chosen = [
+                functions
+                for functions in itertools.product(range(1, FUNCTIONS), repeat=group.n)
+                if sum(b > COARSE for b in functions) <= group.detail
+            ]
+            for goals in group.clusters:
+                offsets = [FUNCTIONS * j for j in goals]
+                products += [tuple(map(sum, zip(offsets, functions))) for functions in chosen]
+        return products
+
+    def embed(self, theta: FloatArray, other: Basis) -> FloatArray:
+        """Coefficients (..., P) of a function in another basis, as far as this one has them."""
+        positions = {product: position for position, product in enumerate(self.products)}
+        out: FloatArray = np.zeros((*theta.shape[:-1], self.size), theta.dtype)
+        for row, product in enumerate(other.products):
+            if product in positions:
+                out[..., positions[product]] = theta[..., row]
+        return out
 
     def now(self, x: NDArray[np.int64], dtype: DTypeLike = np.float64) -> FloatArray:
-        """Features of x (N, k), shape (N, P)."""
-        return self._features(self._look_up(self._now, x), dtype)[:, 0]
+        """Features of x (N, k), shape (P, N)."""
+        return self._features(self._look_up(self._now, x), dtype)[0]
 
     def expected(
         self,
@@ -146,11 +242,11 @@ class Basis:
         achieved: int | None = None,
         dtype: DTypeLike = np.float64,
     ) -> FloatArray:
-        """Expected features after each of the ways, shape (N, ways, P); a goal may be achieved."""
+        """Expected features after each of the ways, shape (ways, P, N); a goal may be achieved."""
         chosen = list(ways)
         values = self._look_up(self._next[chosen], x)
         if achieved is not None:
-            values[:, :, achieved] = self._achieved[chosen][:, x[:, achieved]].swapaxes(0, 1)
+            values[:, achieved] = self._achieved[chosen][:, x[:, achieved]].swapaxes(1, 2)
         return self._features(values, dtype)
 
     @cached_property
@@ -161,20 +257,20 @@ class Basis:
 
     @staticmethod
     def _look_up(table: FloatArray, x: NDArray[np.int64]) -> FloatArray:
-        """Values (N, ways, k, functions) of a table (ways, k, 6, functions)."""
-        return table[:, np.arange(x.shape[1]), x].swapaxes(0, 1)
+        """Values (ways, k, functions, N) of a table (ways, k, 6, functions)."""
+        return table[:, np.arange(x.shape[1]), x].transpose(0, 2, 3, 1)
 
     def _features(self, values: FloatArray, dtype: DTypeLike) -> FloatArray:
-        """Products of the functions' values (N, ways, k, functions)."""
-        flat = values.reshape(*values.shape[:2], -1).astype(dtype, copy=False)
-        out: FloatArray = flat.take(self._index[0], axis=-1)
+        """Products of the functions' values (ways, k, functions, N)."""
+        flat = values.astype(dtype).reshape(len(values), -1, values.shape[-1])
+        out: FloatArray = flat.take(self._index[0], axis=1)
         for factor in self._index[1:]:
-            out *= flat.take(factor, axis=-1)
+            out *= flat.take(factor, axis=1)
         return out
 
 
 def _orthonormal(functions: FloatArray) -> FloatArray:
-    """Functions of x_j (6, n) made orthonormal to each other and the constant."""
+    """Functions of x_j (6, 6) made orthonormal, each to those before it."""
     weight = np.sqrt(LIKELIHOOD)[:, None]
-    q, _ = np.linalg.qr(np.column_stack([np.ones(6), functions]) * weight)
-    return q[:, 1:] / weight
+    q, r = np.linalg.qr(functions * weight)
+    return q * np.sign(np.diag(r)) / weight

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,33 +74,6 @@ def decompose(
         )
     )
     return Plan(mission, max_states, _without_overlap(mission, parts, overlap))
-
-
-def clusters(mission: Mission, order: int, max_states: int) -> tuple[tuple[int, ...], ...]:
-    """Clusters of up to `order` goals whose sub-MDPs have at most `max_states` states.
-
-    Those that couple most closely first, by the least reward coupling within; so a cluster comes
-    after all its subsets, beginning with the empty one.
-
-    Raises
-    ------
-    ValueError
-        If order is not above 0 or the sub-MDP of one goal is larger.
-    """
-    if order < 1:
-        raise ValueError(f'order {order} must be above 0')
-    largest = min(order, _largest_cluster(mission, max_states))
-    if largest < 1:
-        raise ValueError(f'no goal has a sub-MDP of at most T_max = {max_states:,} states')
-    coupling = Measures(mission).coupling
-    names = [goal.name for goal in mission.goals]
-
-    def rank(cluster: tuple[int, ...]) -> tuple[float, int, list[str]]:
-        closeness = min((coupling[pair] for pair in combinations(cluster, 2)), default=np.inf)
-        return -closeness, len(cluster), sorted(names[j] for j in cluster)
-
-    found = [cluster for n in range(largest + 1) for cluster in combinations(range(mission.k), n)]
-    return tuple(sorted(found, key=rank))
 
 
 class _Candidates:

@@ -27,9 +27,10 @@ class ExpansionLookAhead:
     def __init__(self, expansion: Expansion) -> None:
         self.factors = factors = Factors(expansion.mission)
         self.basis = Basis(factors, expansion.clusters)
-        self.theta = _by_level(expansion.theta)
-        mixed = np.einsum('xst,pxtf->pxsf', factors.threat, expansion.theta, optimize=True)
-        self.tables = [_by_level(mixed @ matrix.T) for matrix in factors.faults]
+        theta = np.asarray(expansion.theta)
+        later = (factors.threat @ theta.reshape(len(theta), 3, -1)).reshape(theta.shape)
+        self.theta = _by_level(theta)
+        self.tables = [_by_level(faults @ later) for faults in factors.faults]
         self._commits = np.array([a.kind == 'commit' for a in factors.actions])
         self._goals = np.array([max(a.goal - 1, 0) for a in factors.actions])
         self._agile = np.array([int(a.agile) for a in factors.actions])
@@ -45,9 +46,8 @@ class ExpansionLookAhead:
         x, place, t, f = self._split(states)
         out = self._mode_cost(states, x)
         for level, rows in _groups(t * 8 + f, self.basis.size):
-            features = self.basis.now(x[rows], np.float32)
-            values = features @ self.theta[divmod(level, 8)].T
-            out[rows] += values[np.arange(len(rows)), place[rows]]
+            values = self.theta[divmod(level, 8)] @ self.basis.now(x[rows], np.float32)
+            out[rows] += values[place[rows], np.arange(len(rows))]
         return out
 
     def q_values(self, states: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -104,8 +104,8 @@ class ExpansionLookAhead:
         features = self.basis.expected(x, list(ways), achieved, np.float32)
         out = np.empty((len(x), len(landing)))
         for position, (way, actions) in enumerate(ways.items()):
-            values = features[:, position] @ self.tables[way][t, f].T
-            out[:, actions] = values[:, landing[actions]]
+            values = self.tables[way][t, f] @ features[position]
+            out[:, actions] = values[landing[actions]].T
         return out
 
     def _split(self, states: NDArray[np.int64]) -> tuple[NDArray[np.int64], ...]:
@@ -128,8 +128,8 @@ class ExpansionLookAhead:
 
 
 def _by_level(theta: FloatArray) -> FloatArray:
-    """Coefficients (P, places, 3, 8) as (3, 8, places, P), in one piece."""
-    return np.ascontiguousarray(theta.transpose(2, 3, 1, 0), np.float32)
+    """Coefficients (places, 3, 8, P) as (3, 8, places, P), in one piece."""
+    return np.ascontiguousarray(theta.transpose(1, 2, 0, 3), np.float32)
 
 
 def _ways(way: NDArray[np.intp]) -> dict[int, NDArray[np.intp]]:

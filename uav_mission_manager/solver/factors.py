@@ -89,6 +89,29 @@ class Factors:
         """Whether actions are allowed only where they make sense."""
         return self.mission.feasibility == 'strict'
 
+    def action_costs(self, place: int, x: NDArray[np.int64]) -> FloatArray:
+        """What the actions add to Q besides what follows and what the state costs, (A, 8, N).
+
+        For x of shape (N, k): the distance less what a commitment saves; inf where an action is
+        not allowed.
+        """
+        costs = np.empty((len(self.actions), 8, len(x)))
+        costs[:] = self.distance[:, place, None, None]
+        # On a site the goal may be completed, which drops the commitment whatever goal it is to.
+        kept = 1 - self.completion if place >= self.q else np.ones(8)
+        for action, cost in zip(self.actions, costs):
+            if action.kind == 'commit':
+                own = x[:, action.goal - 1]
+                cost -= kept[:, None] * self.saving[int(action.agile), action.goal - 1, own]
+                if self.strict:
+                    cost[:, (LEVELS * FLAGS)[own] == 0] = np.inf
+                    cost[self.completion == 0] = np.inf
+            elif action.kind == 'recharge' and self.strict:
+                cost[:, FLAGS[x].all(axis=1)] = np.inf
+            elif action.kind == 'repair' and self.strict:
+                cost[0] = np.inf
+        return costs
+
     def _move(self) -> None:
         mission, shape = self.mission, (len(self.actions), self.places)
         hops = mission.grid.next_hops()
@@ -107,6 +130,12 @@ class Factors:
             if action.kind in ('recharge', 'repair'):
                 price = getattr(mission.service_cost, action.kind)
                 self.distance[a, self.cells == mission.grid.service] += price
+
+
+def goal_order(mission: Mission) -> list[int]:
+    """Goals from 0 in an order that does not depend on how they are numbered or called."""
+    keys = [(g.cell, g.eta, g.delta, g.priority_transition) for g in mission.goals]
+    return sorted(range(mission.k), key=keys.__getitem__)
 
 
 def _ground(kind: str) -> int:

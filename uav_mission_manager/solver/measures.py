@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +60,16 @@ class Measures:
         coupling = relative[:, None] * relative * ways
         np.fill_diagonal(coupling, 0.0)
         return coupling
+
+    def closest(self, n: int) -> tuple[tuple[int, ...], ...]:
+        """All clusters of n goals, from 0: those first whose least coupling within is largest."""
+        names = [goal.name for goal in self.mission.goals]
+
+        def rank(cluster: tuple[int, ...]) -> tuple[float, list[str]]:
+            within = (self.coupling[pair] for pair in combinations(cluster, 2))
+            return -min(within, default=np.inf), sorted(names[j] for j in cluster)
+
+        return tuple(sorted(combinations(range(self.mission.k), n), key=rank))
 
     def reward_impact(self, goals: Iterable[int], cells: Iterable[int]) -> float:
         """Share of all worth that some goals carry which are sited in some cells."""

@@ -28,6 +28,7 @@ from uav_mission_manager.mdp.dynamics import (
 )
 from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.mdp.states import StateSpace
+from uav_mission_manager.solver.recombination import choose
 
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
@@ -168,7 +169,7 @@ class Simulator:
 
 def simulate(
     mission: Mission,
-    act: Callable[[IntArray], IntArray],
+    act: Callable[[IntArray], IntArray] | None,
     start: ArrayLike,
     epochs: int,
     rng: np.random.Generator,
@@ -179,8 +180,9 @@ def simulate(
     Parameters
     ----------
     mission : Mission
-    act : callable
-        The policy: action numbers (N,) of states (N, 2k+5).
+    act : callable, or None
+        The policy: action numbers (N,) of states (N, 2k+5). None is the one of least Q in the
+        control variate.
     start : int array (N, 2k+5)
     epochs : int
     rng : numpy.random.Generator
@@ -198,18 +200,21 @@ def simulate(
     StateError, ValueError
         If a start state is out of range, or an action is not allowed where it is chosen.
     """
+    if act is None and control is None:
+        raise ValueError('neither act nor control says what to do')
     simulator = Simulator(mission)
     states = simulator.space.check(start)
     samples, weight = np.zeros(len(states)), 1.0
     if control is not None:
         samples += control.values(states)
     for _ in range(epochs):
-        actions = np.asarray(act(states))
+        q = np.empty((0, 0)) if control is None else control.q_values(states)
+        actions = choose(q) if act is None else np.asarray(act(states))
         simulator.check(states, actions)
         if control is None:
             samples += weight * simulator.costs(states, actions)
         else:
-            chosen = control.q_values(states)[np.arange(len(states)), actions - 1]
+            chosen = q[np.arange(len(states)), actions - 1]
             samples += weight * (chosen - control.values(states))
         states = simulator.step(states, actions, rng)
         weight *= mission.discount
@@ -218,7 +223,7 @@ def simulate(
 
 def estimate(
     mission: Mission,
-    act: Callable[[IntArray], IntArray],
+    act: Callable[[IntArray], IntArray] | None,
     start: ArrayLike,
     episodes: int,
     rng: np.random.Generator,
