@@ -15,7 +15,7 @@ from strategies import case_study, missions, pick_states
 
 from uav_mission_manager.mdp import StateSpace, mission_from_dict
 from uav_mission_manager.solver import SubMdp
-from uav_mission_manager.solver.decomposition import KINDS, clusters, decompose
+from uav_mission_manager.solver.decomposition import KINDS, decompose
 from uav_mission_manager.solver.measures import Measures
 from uav_mission_manager.solver.plan import Plan
 
@@ -209,31 +209,20 @@ def test_relabelled_goals_permute_the_plan(document, kind, max_states, random):
     relabelled[:, 1:1 + k], relabelled[:, 1 + k:1 + 2 * k] = (
         states[:, 1:1 + k][:, order], states[:, 1 + k:1 + 2 * k][:, order])
     assert np.array_equal(plan.part_of(states), other.part_of(relabelled))
-    if max_states >= 4608 * q / 8:
-        found = clusters(missions_[1], 3, max_states)
-        assert clusters(missions_[0], 3, max_states) == tuple(
-            tuple(sorted(order[j] for j in cluster)) for cluster in found)
+    closest = [Measures(mission).closest(2) for mission in missions_]
+    assert closest[0] == tuple(tuple(sorted(order[j] for j in pair)) for pair in closest[1])
 
 
 @settings(max_examples=30, deadline=None)
-@given(any_mission, st.integers(1, 4), st.integers(5000, 10**7))
-def test_clusters_fit_and_come_after_their_subsets(document, order, max_states):
-    mission = mission_from_dict(document, 'test')
-    if SubMdp(mission, (0,), ()).states > max_states:
-        with pytest.raises(ValueError, match=f'T_max = {max_states:,}'):
-            clusters(mission, order, max_states)
-        return
-    found = clusters(mission, order, max_states)
-    assert set(found) == {
-        cluster
-        for n in range(order + 1) for cluster in itertools.combinations(range(mission.k), n)
-        if SubMdp(mission, cluster, ()).states <= max_states}
-    for number, cluster in enumerate(found):
-        assert all(set(itertools.combinations(cluster, n)) <= set(found[:number])
-                   for n in range(len(cluster)))
-    coupling = Measures(mission).coupling
-    pairs = [coupling[pair] for pair in found if len(pair) == 2]
-    assert pairs == sorted(pairs, reverse=True)
+@given(any_mission, st.integers(1, 3))
+def test_closest_clusters_come_first(document, n):
+    measures = Measures(mission_from_dict(document, 'test'))
+    k = measures.mission.k
+    found = measures.closest(n)
+    assert sorted(found) == list(itertools.combinations(range(k), n))
+    within = [min((measures.coupling[pair] for pair in itertools.combinations(cluster, 2)),
+                  default=0.0) for cluster in found]
+    assert within == sorted(within, reverse=True)
 
 
 def test_uncovered_states_are_named():
@@ -276,11 +265,6 @@ def test_too_small_a_threshold(kind):
 def test_senseless_settings(settings, message):
     with pytest.raises(ValueError, match=message):
         decompose(MISSION, **({'max_states': 10_000} | settings))
-
-
-def test_senseless_orders():
-    with pytest.raises(ValueError, match='order 0 must be above 0'):
-        clusters(MISSION, 0, 41_472)
 
 
 def test_goal_plans_are_no_blocks():

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 from strategies import case_study, missions, pick_states
 
 from uav_mission_manager import build_policy, load_policy
 from uav_mission_manager.mdp import StateSpace, mission_from_dict
 from uav_mission_manager.policy import ExpansionPolicy
-from uav_mission_manager.solver import Clusters, choose, fit_expansion
-from uav_mission_manager.solver.basis import Basis
+from uav_mission_manager.solver import Clusters, choose, cluster_states, fit_expansion
+from uav_mission_manager.solver.basis import COMPLETE, Basis
 from uav_mission_manager.solver.evaluation import evaluate, tabulate
 from uav_mission_manager.solver.expansion import design
 from uav_mission_manager.solver.factors import Factors
+from uav_mission_manager.solver.measures import Measures
 from uav_mission_manager.solver.submdp import whole_mission
 
 NO_LIMIT = 1 << 60
@@ -82,8 +86,9 @@ def permuted(document, order):
 @pytest.mark.parametrize('order', [[1, 2, 0], [2, 1, 0]])
 def test_goals_may_stand_in_any_order(order):
     document = case_study()
-    first = build_policy(mission_from_dict(document, 'test'), 'expansion')
-    second = build_policy(mission_from_dict(permuted(document, order), 'test'), 'expansion')
+    first = build_policy(mission_from_dict(document, 'test'), 'expansion', order=2)
+    second = build_policy(
+        mission_from_dict(permuted(document, order), 'test'), 'expansion', order=2)
     states = pick_states(first.space, 5000)
     other = states.copy()
     for position, j in enumerate(order):
@@ -125,24 +130,88 @@ def test_expected_features_are_those_of_the_successors(document):
                 if achieved is not None:
                     laws[achieved] = factors.achieved[way, x[row, achieved]]
                 chance = np.prod([law[every[:, j]] for j, law in enumerate(laws)], axis=0)
-                np.testing.assert_allclose(found[row, way], chance @ features, atol=1e-9)
+                np.testing.assert_allclose(found[way, :, row], features @ chance, atol=1e-9)
 
 
-def test_clusters_keep_to_the_most_states():
+def many_goals(k):
+    document = case_study()
+    document['goals'] = [
+        goal | {'name': f'{goal["name"]}_{n}', 'eta': goal['eta'] + n}
+        for n in range(-(-k // 3)) for goal in document['goals']][:k]
+    return mission_from_dict(document, 'test')
+
+
+@pytest.mark.parametrize(('order', 'limit', 'groups'), [
+    (2, 4608, [(1, 1, 3)]),
+    (2, 41_472, [(1, 1, 3), (2, 2, 3), (3, 1, 1)]),
+    (3, 41_472, [(1, 1, 3), (2, 2, 3), (3, 1, 1)]),
+    (3, 331_776, [(1, 1, 3), (2, 2, 3), (3, 3, 1)]),
+])
+def test_clusters_keep_to_the_most_states(order, limit, groups):
+    """Goals, detail and number of the groups."""
     mission = mission_from_dict(case_study(), 'test')
-    for limit, fine, coarse in ((4608, [3], []), (41_472, [3, 3], [1]), (331_776, [3, 3], [1])):
-        clusters = Clusters.up_to(mission, 2, limit)
-        assert [len(group) for group in clusters.fine] == fine
-        assert [len(group) for group in clusters.coarse] == coarse
-        assert max(clusters.states(mission)) <= limit
-    for order, limit, message in ((0, 4608, 'order 0'), (1, 4607, 'max_states 4607')):
-        with pytest.raises(ValueError, match=message):
-            Clusters.up_to(mission, order, limit)
+    clusters = Clusters.up_to(mission, order, limit)
+    assert [(group.n, group.detail, len(group.clusters)) for group in clusters.groups] == groups
+    assert max(clusters.states(mission)) <= limit
+    assert Basis(Factors(mission), clusters).size == clusters.features
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(1, 12), st.integers(1, 3), st.integers(4608, 10**6))
+def test_a_plan_of_clusters_never_exceeds_its_limits(k, order, max_states):
+    mission = many_goals(k)
+    clusters = Clusters.up_to(mission, order, max_states)
+    assert max(clusters.states(mission)) <= max_states
+    assert clusters.features <= max(COMPLETE * max(1, order - 1), 1 + 5 * k)
+    assert len(Basis(Factors(mission), clusters).products) == clusters.features
+    found = [cluster for group in clusters.groups for cluster in group.clusters]
+    assert len(set(found)) == len(found)
+    assert {(j,) for j in range(k)} <= set(found)
+    few = clusters.within(100)
+    assert few.features <= max(100, 1 + 5 * k)
+    assert few.within(100) == few
+
+
+def test_where_not_all_clusters_fit_those_that_couple_most_stay():
+    mission = many_goals(10)
+    clusters = Clusters.up_to(mission, 2, cluster_states(mission, 2))
+    pairs = [c for group in clusters.groups if group.n == 2 for c in group.clusters]
+    triples = [c for group in clusters.groups if group.n == 3 for c in group.clusters]
+    measures = Measures(mission)
+    assert pairs == list(measures.closest(2))
+    assert 0 < len(triples) < math.comb(10, 3)
+    assert triples == list(measures.closest(3)[:len(triples)])
+
+
+def test_a_function_of_fewer_clusters_is_one_of_more():
+    mission = mission_from_dict(case_study(), 'test')
+    factors = Factors(mission)
+    few, many = (Basis(factors, Clusters.up_to(mission, n, NO_LIMIT)) for n in (1, 2))
+    theta = np.random.default_rng(0).random((2, few.size))
+    x = np.indices((6, 6, 6)).reshape(3, -1).T
+    embedded = many.embed(theta, few)
+    np.testing.assert_allclose(embedded @ many.now(x), theta @ few.now(x))
+
+
+@pytest.mark.parametrize(('order', 'limit', 'message'), [
+    (0, 4608, 'order 0'), (1, 4607, 'T_max = 4,607'),
+])
+def test_clusters_that_cannot_be(order, limit, message):
+    with pytest.raises(ValueError, match=message):
+        Clusters.up_to(many_goals(3), order, limit)
+
+
+def test_a_mission_that_is_one_cluster_is_solved_exactly():
+    mission = mission_from_dict(case_study(1, 2), 'test')
+    assert build_policy(mission).method == 'exact'
+    assert build_policy(mission, order=2).method == 'exact'
+    assert build_policy(mission, order=1).method == 'expansion'
+    assert build_policy(mission, max_states=41_471).method == 'expansion'
 
 
 def test_decision_and_round_trip(tmp_path):
     mission = mission_from_dict(case_study(), 'test')
-    policy = build_policy(mission, 'expansion')
+    policy = build_policy(mission, 'expansion', order=2)
     policy.save(tmp_path / 'set')
     loaded = load_policy(tmp_path / 'set')
     assert loaded.method == 'expansion'

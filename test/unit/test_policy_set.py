@@ -53,12 +53,12 @@ def test_shipped_set_is_the_exact_policy_of_the_shipped_mission(tmp_path):
 
 @pytest.mark.parametrize('method', NAMES)
 def test_loaded_is_saved(method, tmp_path):
-    saved = build_policy(mission_from_dict(case_study(), 'test'), method)
+    saved = build_policy(mission_from_dict(case_study(), 'test'), method, order=2)
     saved.save(tmp_path / 'p')
     loaded = load_policy(tmp_path / 'p')
     states = pick_states(saved.space, 3000)
     assert (loaded.mission, loaded.method, loaded.info) == (saved.mission, method, saved.info)
-    for look in ('q_values', 'act', 'lower_bound', 'part_values'):
+    for look in ('q_values', 'act', 'lower_bound', 'upper_bound', 'part_values'):
         np.testing.assert_array_equal(getattr(loaded, look)(states), getattr(saved, look)(states))
     assert loaded.decide(states[0].tolist()) == saved.decide(states[0].tolist())
     assert loaded.digest == json.loads((tmp_path / 'p' / 'manifest.json').read_text())['digest']

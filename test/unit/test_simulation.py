@@ -122,6 +122,16 @@ def test_any_value_function_leaves_the_mean_as_it_is(split):
     assert np.abs((found.mean - cost) / found.error).max() < 4
 
 
+def test_without_a_policy_the_least_q_decides(split):
+    mission, _, start, _ = split
+    policy, control = build_policy(mission), optimum(mission)
+    runs = [
+        simulate(mission, act, start, 30, np.random.default_rng(1), control)
+        for act in (policy.act, None)]
+    assert np.array_equal(runs[0][0], runs[1][0])
+    assert np.array_equal(runs[0][1], runs[1][1])
+
+
 @pytest.mark.parametrize('truncation', [0.3, 0.9])
 def test_bounds_hold_of_episodes_cut_short(split, truncation):
     mission, policy, start, cost = split
@@ -167,6 +177,8 @@ def test_what_cannot_be_simulated(split):
                      rng)
     with pytest.raises(StateError, match='l = 8'):
         simulate(mission, policy.act, [1, 0, 0, 0, 2, 0, 0, 8, 0, 0, 0], 1, rng)
+    with pytest.raises(ValueError, match='neither act nor control'):
+        simulate(mission, None, start, 1, rng)
     for settings_ in ({'episodes': 1}, {'truncation': 0.0}, {'confidence': 1.0}):
         with pytest.raises(ValueError, match=next(iter(settings_))):
             estimate(mission, policy.act, start, **{'episodes': 5, 'rng': rng, **settings_})

@@ -38,11 +38,11 @@ def mapped(array):
 
 
 def test_actions_come_from_disk_without_tables(tmp_path, monkeypatch, mission):
-    reference = build_policy(mission)
+    reference = build_policy(mission, 'exact')
     states = pick_states(reference.space, 2000)
     assert reference.solutions[0].actions is None
     monkeypatch.setattr(look_ahead, 'TABLES', 0)
-    build_policy(mission).save(tmp_path / 'p')
+    build_policy(mission, 'exact').save(tmp_path / 'p')
     policy = load_policy(tmp_path / 'p')
     solution = policy.solutions[0]
     assert mapped(solution.actions)
@@ -62,7 +62,7 @@ def test_actions_come_from_disk_without_tables(tmp_path, monkeypatch, mission):
 @pytest.mark.usefixtures('large')
 def test_a_large_set_has_the_same_bytes_each_time(tmp_path, mission):
     for name in 'ab':
-        build_policy(mission, threads=2).save(tmp_path / name)
+        build_policy(mission, 'exact', jobs=2).save(tmp_path / name)
     files = sorted(path.name for path in (tmp_path / 'a').iterdir())
     assert files == ['0_actions.npy', '0_value.npy', 'manifest.json']
     for name in files:
@@ -76,7 +76,8 @@ def test_a_large_set_has_the_same_bytes_each_time(tmp_path, mission):
 def test_single_precision_halves_the_file(tmp_path, mission):
     sizes = {}
     for precision in ('single', 'double'):
-        build_policy(mission, tolerance=1e-2, precision=precision).save(tmp_path / precision)
+        policy = build_policy(mission, 'exact', tolerance=1e-2, precision=precision)
+        policy.save(tmp_path / precision)
         sizes[precision] = (tmp_path / precision / '0_value.npy').stat().st_size - 128
         assert load_policy(tmp_path / precision).solutions[0].value.dtype.itemsize == (
             4 if precision == 'single' else 8)
@@ -92,14 +93,14 @@ def build(mission, place, checkpoint, stop_after=None):
         if sweep == stop_after:
             raise StoppedError
 
-    policy = build_policy(mission, on_sweep=on_sweep, checkpoint=checkpoint)
+    policy = build_policy(mission, 'exact', on_sweep=on_sweep, checkpoint=checkpoint)
     policy.save(place)
     checkpoint.remove()
     return policy
 
 
 def test_resumed_from_a_checkpoint_to_the_same_bytes(tmp_path, mission):
-    straight = build_policy(mission)
+    straight = build_policy(mission, 'exact')
     straight.save(tmp_path / 'straight')
     place = tmp_path / 'sets' / 'p'
     with pytest.raises(StoppedError):
@@ -111,7 +112,8 @@ def test_resumed_from_a_checkpoint_to_the_same_bytes(tmp_path, mission):
     assert checkpoint.load(1) is None
     sweeps = []
     policy = build_policy(
-        mission, checkpoint=checkpoint, on_sweep=lambda _, sweep, __: sweeps.append(sweep))
+        mission, 'exact', checkpoint=checkpoint,
+        on_sweep=lambda _, sweep, __: sweeps.append(sweep))
     policy.save(place)
     checkpoint.remove()
     assert sweeps[0] == 30

@@ -116,7 +116,7 @@ def _solve(options: argparse.Namespace) -> Policy:
             mission,
             options.method,
             options.tolerance,
-            _bar(progress, options.tolerance),
+            _bar(progress, options),
             order=options.order,
             max_states=options.max_states,
             certificate=options.certificate,
@@ -131,16 +131,18 @@ def _solve(options: argparse.Namespace) -> Policy:
     return policy
 
 
-def _bar(progress: Progress, tolerance: float) -> Callable[[int, int, float], None]:
-    """Progress of each sub-MDP's bound or of the expansion's change, on a logarithmic scale."""
+def _bar(progress: Progress, options: argparse.Namespace) -> Callable[[int, int, float], None]:
+    """Progress of each sub-MDP's bound, on a logarithmic scale."""
     tasks: dict[int, tuple[TaskID, float]] = {}
 
     def on_sweep(position: int, sweep: int, bound: float) -> None:
         if position not in tasks:
             tasks[position] = (progress.add_task(''), bound)
         task, first = tasks[position]
-        done = _decades(first, bound) / max(_decades(first, tolerance), 1e-9) if sweep else 1.0
-        text = f'sub-MDP {position + 1}: sweep {sweep}, within {bound:.1e}'
+        done = _decades(first, bound) / max(_decades(first, options.tolerance), 1e-9)
+        text = f'sub-MDP {position + 1}: sweep {sweep}, within {bound:.1e} of V*'
+        if not sweep:
+            done, text = 1.0, f'sub-problem {position + 1}: done'
         progress.update(task, completed=100 * min(done, 1.0), description=text)
 
     return on_sweep
@@ -162,7 +164,7 @@ def _describe(policy: Policy, summary: dict) -> str:
         f'  time        {summary["seconds"]} s',
         f'  size        {summary["bytes"]:,} bytes, digest {summary["digest"][:12]}',
     ]
-    if policy.certificate is not None:
+    if summary.get('gap') is not None:
         gap, error = summary['gap'], summary['gap_error']
         lines.insert(-2, f'  certified   on average within {gap:.2%} +- {error:.2%} of V*')
     return '\n'.join(lines)

@@ -58,16 +58,17 @@ class Certificate:
         V^pi(s) <= V'(s) + offset.
     coverage, confidence : float
         In at least this share of the states, with this confidence; 1 by exact evaluation.
-    gap, gap_error : float
-        Mean of V^pi / L - 1 over the states looked at, and its standard error.
+    gap, gap_error : float or None
+        Mean of V^pi / L - 1 over the states looked at, and its standard error; None where L is 0
+        in one of them that costs something.
     """
 
     bound: LowerBound
     offset: float
     coverage: float
     confidence: float
-    gap: float
-    gap_error: float
+    gap: float | None
+    gap_error: float | None
 
     @property
     def holds(self) -> str:
@@ -133,5 +134,7 @@ def _gaps(above: FloatArray, below: FloatArray) -> FloatArray:
     return gaps
 
 
-def _mean(gaps: FloatArray) -> tuple[float, float]:
+def _mean(gaps: FloatArray) -> tuple[float, float] | tuple[None, None]:
+    if not np.isfinite(gaps).all():
+        return None, None
     return float(np.mean(gaps)), float(np.std(gaps) / np.sqrt(len(gaps)))

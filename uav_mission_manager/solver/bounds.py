@@ -34,12 +34,14 @@ from uav_mission_manager.solver.basis import cluster_states
 from uav_mission_manager.solver.cluster_mdps import ClusterMdp, proven_values
 from uav_mission_manager.solver.factors import FLAGS, LEVELS, Factors, goal_order
 
-WARM, COLD = 0.02, 0.0002
-"""First and last temperature of the soft minimum, in the mean cost of an epoch."""
+WARM, FALL = 0.5, 1 / 150
+"""First temperature of the soft minimum, in the mean cost of an epoch over the square of the
+clusters that hold a goal on average, and what is left of it in the end."""
 
 RATE, HORIZONS = 3.0, 6.0
 """Part of the agreeing psi taken, in (1 - discount), and iterations, in 1 / (1 - discount).
-Measured on the case study and random missions of three and ten goals: larger parts overshoot."""
+Measured on the case study and random missions of three and ten goals: larger parts
+and higher temperatures overshoot, lower ones creep."""
 
 RARE = 1e-6
 """What is added to occupancies, of which a state's is 1 on average."""
@@ -210,6 +212,7 @@ class _Ascent:
     def __init__(self, split: _Split, even: FloatArray) -> None:
         self.split, self.rest = split, 1 - split.factors.mission.discount
         self.unit = self.rest * float(np.abs(even.sum(axis=0)).mean())
+        self.warm = WARM * max(self.unit, TINY) / split.holders.mean() ** 2
         self.columns = split.columns.astype(np.float32)
         self.mdps = [split.mdp(c, np.float32) for c in range(len(split.members))]
         self.costs = [split.costs(mdp) for mdp in self.mdps]
@@ -221,7 +224,7 @@ class _Ascent:
 
     def climb(self, done: float) -> None:
         """Take one step, after a part of all."""
-        tau = np.float32(WARM * (COLD / WARM) ** done * max(self.unit, TINY))
+        tau = np.float32(self.warm * FALL**done)
         step = np.stack([self._visit(cluster, tau) for cluster in range(len(self.mdps))])
         np.log(step + np.float32(RARE), out=step)
         step *= np.float32(RATE * self.rest) * tau

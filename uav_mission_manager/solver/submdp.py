@@ -102,18 +102,21 @@ class SubMdp:
 
     def allowed_in(self, states: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Whether each action is allowed in global states (N, 2k+5), shape (N, actions)."""
-        r, g = self.columns(states)
-        flags = r @ 2 ** np.arange(self.n)[::-1]
-        tables = []
-        for action, allowed in zip(self.actions, self._allowed):
-            slot = self.slot(action)
-            levels = 0 if slot is None else g[:, slot]
-            tables.append(allowed[levels, states[:, 0] - 1, flags])
-        return np.stack(tables, axis=1)
-
-    @cached_property
-    def _allowed(self) -> list[NDArray[np.bool_]]:
-        return [self.allowed(action) for action in self.actions]
+        mission, (r, g) = self.mission, self.columns(states)
+        allowed = np.ones((len(states), len(self.actions)), dtype=bool)
+        if mission.feasibility == 'seed':
+            return allowed
+        f, wanted = states[:, 0] - 1, (r == 1) & (g > 0)
+        able = np.array(mission.faults.completion)[f] > 0
+        for column, action in zip(allowed.T, self.actions):
+            if action.kind == 'commit':
+                slot = self.slot(action)
+                column[:] = able if slot is None else able & wanted[:, slot]
+            elif action.kind == 'recharge' and self.n == mission.k:
+                column[:] = (r == 0).any(axis=1)
+            elif action.kind == 'repair':
+                column[:] = f > 0
+        return allowed
 
     @cached_property
     def flags(self) -> NDArray[np.int64]:
