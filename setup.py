@@ -53,7 +53,10 @@ setup(
     ],
     zip_safe=True,
     install_requires=['setuptools'],
-    extras_require={'test': ['pytest', 'hypothesis']},
+    extras_require={
+        'test': ['pytest', 'hypothesis'],
+        'cluster': ['distributed'],  # policy_build --scheduler.
+    },
     entry_points={
         'console_scripts': [
             f'{command} = {NAME}.{module}:main' for command, module in COMMANDS.items()

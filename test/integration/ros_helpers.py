@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -157,15 +157,31 @@ class Ros:
         return value
 
     def call(self, service: str, request: Any = None, kind: Any = Trigger) -> Any:
-        """Call a service and return its response."""
+        """Call a service once and return its response.
+
+        A server that has not yet found its client drops the response. Clients are found in the
+        order they are made: once a later one has been answered, the first one will be.
+        """
         client = self.node.create_client(kind, service)
+        probe = self.node.create_client(
+            GetParameters, f'{service.rpartition("/")[0]}/get_parameters')
         try:
             self.until(client.service_is_ready, f'service {service}')
+            self.until(probe.service_is_ready, f'parameters beside {service}')
+            self.until(lambda: self._answered(probe), f'an answer beside {service}')
             future = client.call_async(request or kind.Request())
             self.until(future.done, f'an answer of {service}')
             return future.result()
         finally:
+            self.node.destroy_client(probe)
             self.node.destroy_client(client)
+
+    def _answered(self, probe: Any) -> bool:
+        """Whether a harmless call is answered within a second."""
+        future, end = probe.call_async(GetParameters.Request()), time.monotonic() + 1.0
+        while not future.done() and time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.05)
+        return future.done()
 
     def set_parameter(self, node: str, name: str, value: Any) -> Any:
         """Set a parameter of another node and return the SetParametersResult."""

@@ -161,6 +161,7 @@ def test_decision_says_why(ros: Ros, flight: Flight, manager: NodeProcess) -> No
     assert values[int(decision['action']) - 1] == min(values)
     assert float(decision['margin']) >= 0.0
     assert 0.0 < float(decision['lower_bound']) <= min(values) + 1e-3
+    assert min(values) - 1e-3 <= float(decision['upper_bound']) <= min(values) + 1e-3
     assert len(decision['policy']) == 64
     assert 0.0 <= float(decision['age odom [s]']) < 3.0
     assert flight.decisions[-1].status[0].message

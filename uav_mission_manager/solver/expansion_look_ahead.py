@@ -139,6 +139,9 @@ def _ways(way: NDArray[np.intp]) -> dict[int, NDArray[np.intp]]:
 
 def _groups(keys: NDArray[np.int64], size: int) -> Iterator[tuple[int, NDArray[np.intp]]]:
     """Rows of each key, no more at a time than features (rows, 4, size) fit."""
+    if len(keys) == 1:
+        yield int(keys[0]), np.zeros(1, np.intp)
+        return
     step = max(1, ENTRIES // size)
     order = np.argsort(keys, kind='stable')
     different, starts = np.unique(keys[order], return_index=True)
