@@ -29,7 +29,7 @@ from uav_mission_manager.mdp import (
     global_actions,
     global_to_local,
 )
-from uav_mission_manager.policy.policy import METHODS
+from uav_mission_manager.policy import NAMES
 
 DOCS = Path(__file__).resolve().parents[1] / 'docs'
 SAMPLE = (1, 1, 0, 1, 0, 2, 1, 1, 0, 2, 1)
@@ -50,7 +50,7 @@ def main() -> int:
     found: Found = {}
     for rule in RULES:
         optimum = Optimum(dataclasses.replace(case_study(3), feasibility=rule))
-        found[rule] = optimum, {name: compare(optimum, name) for name in METHODS}
+        found[rule] = optimum, {name: compare(optimum, name) for name in NAMES}
     sections = [
         _introduction(found['strict'][0]),
         *(_overall(*found[rule], text) for rule, text in RULES.items()),
@@ -85,8 +85,8 @@ are compared with the optimal one in every state: is the action the same (of act
 the lowest number), is Q*(s, a) within 0.1 % of V*(s), and what does following the combined policy
 for good cost, loss = (V^pi - V*) / V*, by exact evaluation. `best_value` follows the sub-MDP with
 the least cost (the paper's `ActionCalc_with_values`), `highest_priority` the one with the largest
-eta_j g_j r_j (its Algorithm 2); `split` adds up Q values. [theory.md](theory.md) says why they
-differ."""
+eta_j g_j r_j (its Algorithm 2); `split` adds up Q values; `expansion` fits tables of sub-problems
+no larger than two goals' 41,472 states. [theory.md](theory.md) says why they differ."""
 
 
 def _overall(optimum: Optimum, agreements: dict[str, Agreement], rule: str) -> str:

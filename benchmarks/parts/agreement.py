@@ -44,7 +44,7 @@ class Optimum:
 
     def __init__(self, mission: Mission) -> None:
         self.mission = mission
-        policy = build_policy(mission)
+        policy = build_policy(mission, 'exact')
         self.states = policy.space.states()
         self.q = policy.q_values(self.states)
         self.values, self.actions = self.q.min(axis=1), choose(self.q)
@@ -75,7 +75,7 @@ class Agreement:
 
 def compare(optimum: Optimum, method: str) -> Agreement:
     """Build the method's policy and compare it in all states."""
-    policy = build_policy(optimum.mission, method)
+    policy = build_policy(optimum.mission, method, order=2)
     actions = policy.act(optimum.states)
     chosen = np.take_along_axis(optimum.q, actions[:, None] - 1, axis=1)[:, 0]
     cost = Chain(optimum.mission).evaluate(actions)
