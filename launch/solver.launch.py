@@ -19,7 +19,8 @@ ARGUMENTS = {
     'namespace': ('uav1', 'namespace of the vehicle'),
     'mission': (f'{SHARE}/config/case_study.yaml', 'mission file'),
     'params': (f'{SHARE}/config/nodes.yaml', 'node parameters; the arguments here come first'),
-    'method': ('exact', 'exact, split, highest_priority or best_value'),
+    'method': (
+        'expansion', 'exact, expansion, split, highest_priority or best_value'),
 }
 
 

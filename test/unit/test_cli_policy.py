@@ -70,6 +70,49 @@ def test_build_says_what_it_did(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ['m.yaml', 'p']
 
 
+def test_build_says_how_good_an_expansion_is(tmp_path):
+    out = tmp_path / 'p'
+    result = run('policy_build', CASE_STUDY, '--order', '2', '--jobs', '2', '--out', out)
+    assert (result.returncode, result.stderr) == (0, '')
+    gap = float(re.search(r'certified +on average within ([\d.]+)% ', result.stdout).group(1))
+    assert 0 < gap < 5
+    policy = load_policy(out)
+    assert policy.info['gap'] == pytest.approx(gap / 100, abs=1e-4)
+    manifest = json.loads((out / 'manifest.json').read_text())
+    assert manifest['certificate']['gap'] == policy.info['gap']
+    answer = json.loads(run('policy_query', out, '--state', STATE, '--json').stdout)
+    decision = policy.decide([int(part) for part in STATE.split(',')])
+    assert answer['lower_bound'] == decision.lower_bound
+    assert answer['upper_bound'] == decision.upper_bound
+    assert answer['upper_bound_holds'] == 'everywhere'
+    shown = run('policy_query', out, '--state', STATE).stdout
+    assert f'cost of this policy: {decision.upper_bound:.6f} (everywhere)' in shown
+
+
+def test_build_without_a_certificate(tmp_path):
+    mission, out = write(tmp_path / 'm.yaml', case_study(1, 2)), tmp_path / 'p'
+    for flags in (('--order', '1', '--no-certificate'), ('--method', 'highest_priority')):
+        result = run('policy_build', mission, *flags, '--out', out)
+        assert result.returncode == 0
+        assert 'certified' not in result.stdout
+        state = '1,1,1,2,0,0,0,0,0'
+        answer = json.loads(run('policy_query', out, '--state', state, '--json').stdout)
+        assert (answer['upper_bound'], answer['upper_bound_holds']) == (None, 'nowhere')
+
+
+@pytest.mark.parametrize(('flags', 'says'), [
+    (('--order', '0'), 'order 0'), (('--max-states', '10'), 'T_max = 10'),
+    (('--order', '1', '--jobs', '0'), 'jobs 0'),
+    (('--order', '1', '--resume'), "method 'expansion' leaves no checkpoint"),
+    (('--order', '1', '--scheduler', 'tcp://127.0.0.1:9'), 'tcp://127.0.0.1:9'),
+])
+def test_build_with_options_that_cannot_be(tmp_path, flags, says):
+    mission = write(tmp_path / 'm.yaml', case_study(1, 2))
+    result = run('policy_build', mission, '--out', tmp_path / 'p', *flags)
+    assert_one_line(result, 'policy_build', says)
+    assert list(tmp_path.iterdir()) == [mission]
+
+
 def test_build_tolerance(tmp_path):
     mission = write(tmp_path / 'm.yaml', case_study(1))
     result = run('policy_build', mission, '--out', tmp_path / 'p', '--tolerance', '0.5', '--json')

@@ -62,6 +62,16 @@ def test_of_all_goals_in_fine_it_is_exact_in_any_mission(document):
     np.testing.assert_allclose(found[allowed], q[allowed], rtol=0, atol=2e-3 * scale + 1e-6)
 
 
+def test_where_no_fault_mode_completes_a_goal():
+    document = case_study(1, 2)
+    document['faults'] = document['faults'] | {'completion': [0.0] * 8}
+    mission, states, q = optimum(document)
+    found = fitted_exactly(mission).q_values(states)
+    allowed = np.isfinite(q)
+    assert np.array_equal(np.isfinite(found), allowed)
+    np.testing.assert_allclose(found[allowed], q[allowed], rtol=2e-3)
+
+
 def test_loss_of_pairs_on_the_case_study():
     """At most 0.01 % on average and 1 % anywhere, within 0.1 % of V* in 99.9 % of the states."""
     mission = mission_from_dict(case_study(), 'test')

@@ -3,7 +3,7 @@
 from uav_mission_manager.solver.basis import Clusters, Group, cluster_states
 from uav_mission_manager.solver.bellman import BellmanOperator
 from uav_mission_manager.solver.bounds import LowerBound, covering, lower_bound
-from uav_mission_manager.solver.expansion import FIT_TOLERANCE, Expansion, fit_expansion
+from uav_mission_manager.solver.expansion import Expansion, fit_expansion
 from uav_mission_manager.solver.expansion_look_ahead import ExpansionLookAhead
 from uav_mission_manager.solver.look_ahead import LookAhead
 from uav_mission_manager.solver.memory import MissionSizeError
@@ -18,7 +18,6 @@ from uav_mission_manager.solver.sweep import Sweeper
 from uav_mission_manager.solver.value_iteration import PRECISIONS, Solution, value_iteration
 
 __all__ = [
-    'FIT_TOLERANCE',
     'PRECISIONS',
     'BellmanOperator',
     'Clusters',

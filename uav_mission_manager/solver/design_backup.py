@@ -61,7 +61,7 @@ class DesignBackup:
         for place, arrivals in enumerate(self.arrivals):
             for arrival, cost in arrivals.items():
                 arrived = ahead[arrival]
-                if place >= self.factors.q:
+                if place >= self.factors.q and self.able:
                     arrived = self._completing(place, arrival, ahead, coefficients)
                 np.add(arrived, cost, out=scratch)
                 np.minimum(out[place], scratch, out=out[place])
@@ -119,6 +119,6 @@ class DesignBackup:
         for place, arrivals in enumerate(self.arrivals):
             for way, landing in arrivals:
                 landings.setdefault(way, set()).add(landing)
-                if place >= self.factors.q:
+                if place >= self.factors.q and self.able:
                     landings[way].add(int(self.factors.cells[landing]))
         return {way: sorted(places) for way, places in landings.items()}

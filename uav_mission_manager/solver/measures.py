@@ -34,7 +34,7 @@ class Measures:
         """
         goals, discount = self.mission.goals, self.mission.discount
         matrices = np.array([goal.priority_transition for goal in goals])
-        wanted = np.array([[0.0], [1.0], [1.0]])
+        wanted = np.array([[[0.0], [1.0], [1.0]]])
         visits = np.linalg.solve(np.eye(3) - discount * matrices, (1 - discount) * wanted)
         # Rounded: the last digits, which differ between machines, shall not decide a rank.
         shares = visits.mean(axis=(1, 2)).round(12)
