@@ -12,7 +12,7 @@ from strategies import case_study, missions, pick_states
 
 from uav_mission_manager import build_policy, load_policy
 from uav_mission_manager.mdp import mission_from_dict
-from uav_mission_manager.policy import certificate as module
+from uav_mission_manager.policy import certify
 from uav_mission_manager.solver import whole_mission
 from uav_mission_manager.solver.evaluation import evaluate, tabulate
 
@@ -59,7 +59,7 @@ def test_bounds_of_any_mission(document, method):
 
 
 def test_simulated_bounds_hold_in_as_many_states_as_they_say(expansion, monkeypatch):
-    monkeypatch.setattr(module, 'EVALUATED', 0)
+    monkeypatch.setattr(certify, 'EVALUATED', 0)
     policy = build_policy(expansion.mission, 'expansion', order=2)
     certificate = policy.certificate
     assert 0.9 < certificate.coverage < 1

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from uav_mission_manager.mdp import Mission
-from uav_mission_manager.policy.certificate import certify
+from uav_mission_manager.policy.certify import certify
 from uav_mission_manager.policy.checkpoint import Checkpoint
 from uav_mission_manager.policy.expansion_policy import ExpansionPolicy
 from uav_mission_manager.policy.policy import METHODS, Policy
