@@ -32,8 +32,7 @@ MOST, ACTIONS = 1_000_000, 100_000
 
 METHODS = {
     3: (('expansion', 1), ('expansion', 2), ('split', 0), ('highest_priority', 0)),
-    4: (('expansion', 2), ('expansion', 3)),
-    5: (('expansion', 2), ('expansion', 3)),
+    5: (('expansion', 3),),
     6: (('expansion', 3),),
 }
 """Methods and orders by number of goals."""
@@ -48,7 +47,7 @@ def main() -> int:
     times, growth = _times(), _growth()
     tasks = [
         partial(_losses, k, seed)
-        for k in sorted(options.goals)
+        for k in sorted(options.goals, reverse=True)
         for seed in ([0] if k == 6 else [0, *options.seeds])
     ]
     tasks += [partial(_gaps, k, seed) for k in (3, 10) for seed in [0, *options.seeds]]

@@ -13,7 +13,13 @@ from strategies import case_study, missions, pick_states
 from uav_mission_manager import build_policy, load_policy
 from uav_mission_manager.mdp import StateSpace, mission_from_dict
 from uav_mission_manager.policy import ExpansionPolicy
-from uav_mission_manager.solver import Clusters, choose, cluster_states, fit_expansion
+from uav_mission_manager.solver import (
+    Clusters,
+    choose,
+    cluster_states,
+    expansion,
+    fit_expansion,
+)
 from uav_mission_manager.solver.basis import COMPLETE, Basis
 from uav_mission_manager.solver.evaluation import evaluate, tabulate
 from uav_mission_manager.solver.expansion import design
@@ -118,7 +124,7 @@ def test_design_of_many_goals_follows_them_when_they_are_relabelled():
     order = [4, 2, 0, 5, 1, 3]
     missions_ = [mission_from_dict(document | {'goals': g}, 'test')
                  for g in (goals, [goals[j] for j in order])]
-    first, second = (design(mission, 300) for mission in missions_)
+    first, second = (design(mission, 600) for mission in missions_)
     assert first.shape == (600, 6)
     assert np.array_equal(first[:, order], second)
 
@@ -217,6 +223,41 @@ def test_a_mission_that_is_one_cluster_is_solved_exactly():
     assert build_policy(mission, order=2).method == 'exact'
     assert build_policy(mission, order=1).method == 'expansion'
     assert build_policy(mission, max_states=41_471).method == 'expansion'
+
+
+def test_a_fit_that_runs_away_is_tried_in_more_points(monkeypatch):
+    mission, tried = many_goals(6), []
+    fit = expansion._fit
+
+    def running_away(factors, clusters, x, *rest):
+        tried.append((clusters.features, len(x)))
+        return None if len(tried) < 3 else fit(factors, clusters, x, *rest)
+
+    monkeypatch.setattr(expansion, 'WHOLE', 0)
+    monkeypatch.setattr(expansion, 'LEAST', 100)
+    monkeypatch.setattr(expansion, '_fit', running_away)
+    clusters = Clusters.up_to(mission, 1, 4608)
+    found = fit_expansion(mission, clusters)
+    assert tried == [(31, 100), (31, 124), (31, 248)]
+    assert found.points == 248
+    assert found.converged
+
+
+def test_what_does_not_settle_gives_way_to_what_does(monkeypatch):
+    mission, fit = many_goals(6), expansion._fit
+    monkeypatch.setattr(
+        expansion, '_fit',
+        lambda factors, clusters, *rest: (
+            fit(factors, clusters, *rest) if clusters.features <= 100 else None))
+    monkeypatch.setattr(expansion, 'WHOLE', 0)
+    monkeypatch.setattr(expansion, 'FIRST', 100)
+    clusters = Clusters.up_to(mission, 2, cluster_states(mission, 2))
+    found = fit_expansion(mission, clusters)
+    assert found.clusters == clusters.within(100) != clusters
+    assert found.theta.shape[-1] == found.clusters.features
+    monkeypatch.setattr(expansion, 'RUNAWAY', 0.0)
+    with pytest.raises(ValueError, match='mission case_study: no expansion settles'):
+        fit_expansion(mission, clusters)
 
 
 def test_decision_and_round_trip(tmp_path):

@@ -11,8 +11,9 @@ weighted least squares; with the design fixed, a sweep is matrix products. Nothi
 with 2^k 3^k. Where every goal is in one fine cluster and the design holds all x, the fit is
 exact and so is V. The policy takes the action of least Q, one epoch ahead in W.
 
-A fitted backup need not contract; `Expansion.converged` says whether it did, and the policy is
-judged by its certificate, not by the fit.
+A fitted backup need not contract, least of all in few points. A fit that runs away is tried again
+with more of them, and given up for a smaller one. `Expansion.converged` says whether it settled;
+the policy is judged by its certificate, not by the fit.
 """
 
 from __future__ import annotations
@@ -39,8 +40,11 @@ goals and drawn points, 3e-3 and 2e-4 cost the same to 0.04 %."""
 
 TINY = float(np.finfo(np.float32).tiny)
 
-POINTS = 2
-"""Design points a feature, where they are drawn."""
+POINTS, LEAST = (2, 4, 8), 2048
+"""Design points a feature, where they are drawn: as many as it takes to settle. And the least."""
+
+RUNAWAY = 3.0
+"""Spread of a change, relative to the first, that says that a fit does not settle."""
 
 FIRST = 256
 """Features of a first fit, at most. What it has found is where the whole one starts from, whose
@@ -95,36 +99,78 @@ def fit_expansion(
         Sweeps after which to give up.
     on_sweep : callable, optional
         Called after each sweep with its number and the relative spread.
+
+    Returns
+    -------
+    Expansion
+        Over these clusters, or the first of them where more do not settle.
+
+    Raises
+    ------
+    ValueError
+        If not even those settle.
     """
+    complete = 6**mission.k <= WHOLE
     if tolerance is None:
-        tolerance = FIT_TOLERANCE[6**mission.k <= WHOLE]
-    factors, gain = Factors(mission), mission.discount / (1 - mission.discount)
-    theta: FloatArray = np.zeros((factors.places, 3, 8, 1), np.float32)
-    basis, iterations = Basis(factors, Clusters(())), 0
+        tolerance = FIT_TOLERANCE[complete]
+    factors, found = Factors(mission), None
     for part in dict.fromkeys((clusters.within(FIRST), clusters)):
-        basis, before = Basis(factors, part), basis
-        theta = basis.embed(theta, before)
-        x = design(mission, basis.size)
-        backup, fit = DesignBackup(basis, x), LeastSquares(basis, x)
-        present: FloatArray = theta @ fit.now
-        relative = np.inf
-        while relative > tolerance and iterations < max_iterations:
-            values = backup(theta)
-            change = values - present
-            low, high = float(change.min()), float(change.max())
-            shift = np.float32(gain * (high + low) / 2)
-            theta = fit(values)
-            theta[..., 0] += shift
-            present = values + shift
-            relative = (high - low) / max(float(np.abs(values).max()), TINY)
-            iterations += 1
-            if on_sweep is not None:
-                on_sweep(iterations, relative)
-    converged = relative <= tolerance
-    return Expansion(mission, clusters, theta, len(x), iterations, high - low, converged)
+        for points in POINTS:
+            x = design(mission, max(points * part.features, LEAST))
+            fitted = _fit(factors, part, x, found, tolerance, max_iterations, on_sweep)
+            if fitted is not None or complete:
+                break
+        if fitted is None:
+            break
+        found = fitted
+    if found is None:
+        raise ValueError(f'mission {mission.name}: no expansion settles; use another method')
+    return found
 
 
-def design(mission: Mission, features: int) -> NDArray[np.int64]:
+def _fit(
+    factors: Factors,
+    clusters: Clusters,
+    x: NDArray[np.int64],
+    start: Expansion | None,
+    tolerance: float,
+    max_iterations: int,
+    on_sweep: Callable[[int, float], None] | None,
+) -> Expansion | None:
+    """Fit in the design points x, from another expansion; None where that runs away."""
+    discount = factors.mission.discount
+    basis, gain = Basis(factors, clusters), discount / (1 - discount)
+    theta: FloatArray = np.zeros((factors.places, 3, 8, basis.size), np.float32)
+    iterations = 0
+    if start is not None:
+        theta = basis.embed(start.theta, Basis(factors, start.clusters))
+        iterations = start.iterations
+    backup, fit = DesignBackup(basis, x), LeastSquares(basis, x)
+    present: FloatArray = theta @ fit.now
+    last, first = iterations + max_iterations, 0.0
+    while True:
+        values = backup(theta)
+        change = values - present
+        low, high = float(change.min()), float(change.max())
+        relative = (high - low) / max(float(np.abs(values).max()), TINY)
+        iterations += 1
+        if on_sweep is not None:
+            on_sweep(iterations, relative)
+        first = first or high - low
+        if not relative <= tolerance and not high - low <= RUNAWAY * first:
+            return None
+        shift = np.float32(gain * (high + low) / 2)
+        theta = fit(values)
+        theta[..., 0] += shift
+        present = values + shift
+        if relative <= tolerance or iterations == last:
+            converged = relative <= tolerance
+            return Expansion(
+                factors.mission, clusters, theta, len(x), iterations, high - low, converged
+            )
+
+
+def design(mission: Mission, points: int) -> NDArray[np.int64]:
     """Design points x (M, k): all where they are few, else drawn by their likelihood.
 
     Goals are drawn for in an order of their own, so that relabelling them changes nothing.
@@ -132,11 +178,11 @@ def design(mission: Mission, features: int) -> NDArray[np.int64]:
     k = mission.k
     if 6**k <= WHOLE:
         return np.indices((6,) * k).reshape(k, -1).T
-    rng = np.random.default_rng(features)
-    drawn = rng.choice(6, (2 * POINTS * features, k), p=LIKELIHOOD)
-    points = rng.permutation(np.unique(drawn, axis=0))[: POINTS * features]
-    x = np.empty_like(points)
-    x[:, goal_order(mission)] = points
+    rng = np.random.default_rng(points)
+    drawn = rng.choice(6, (2 * points, k), p=LIKELIHOOD)
+    chosen = rng.permutation(np.unique(drawn, axis=0))[:points]
+    x = np.empty_like(chosen)
+    x[:, goal_order(mission)] = chosen
     return x
 
 
