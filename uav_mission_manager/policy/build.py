@@ -104,17 +104,7 @@ def build_policy(
             on_fit = report and partial(report, 0)
             tasks: list[Task] = [partial(fit_expansion, mission, clusters, on_sweep=on_fit)]
         else:
-            tasks = [
-                partial(
-                    value_iteration,
-                    sub,
-                    tolerance,
-                    on_sweep=report and partial(report, position),
-                    precision=precision,
-                    threads=1,
-                )
-                for position, sub in enumerate(METHODS[method].decompose(mission))
-            ]
+            tasks = _goal_wise(mission, method, tolerance, precision, report)
         if certificate:
             tasks.append(partial(lower_bound, mission, covering(mission, max_states)))
         results = []
@@ -123,14 +113,28 @@ def build_policy(
             if on_sweep is not None and not pool.here:
                 on_sweep(position, 0, 0.0)
         bound = results.pop() if certificate else None
-        policy = (
-            ExpansionPolicy(*results)
-            if method == 'expansion'
-            else Policy(mission, method, results)
-        )
+        fitted = method == 'expansion'
+        policy = ExpansionPolicy(*results) if fitted else Policy(mission, method, results)
         if bound is not None:
             policy.certificate = certify(policy, bound, pool)
     return policy
+
+
+def _goal_wise(
+    mission: Mission, method: str, tolerance: float, precision: str, on_sweep: OnSweep | None
+) -> list[Task]:
+    """Solve each of a method's sub-MDPs."""
+    return [
+        partial(
+            value_iteration,
+            sub,
+            tolerance,
+            on_sweep=on_sweep and partial(on_sweep, position),
+            precision=precision,
+            threads=1,
+        )
+        for position, sub in enumerate(METHODS[method].decompose(mission))
+    ]
 
 
 def _exact(
