@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,22 +53,28 @@ class StateSpace:
             If they have another number of variables or a value out of range.
         """
         rows = np.atleast_2d(np.asarray(states))
-        if rows.ndim != 2 or rows.shape[1] != len(self.shape):
+        if rows.ndim != 2 or rows.shape[1] != 2 * self.k + 5:
             raise StateError(
-                f'a state has {len(self.shape)} variables ({" ".join(self.names)}), '
+                f'a state has {2 * self.k + 5} variables ({" ".join(self.names)}), '
                 f'not {rows.shape[-1]}'
             )
         if not np.issubdtype(rows.dtype, np.integer):
             raise StateError(f'states are integers, not {rows.dtype}')
-        low = np.array([1] + [0] * (len(self.shape) - 1))
-        bad = np.argwhere((rows < low) | (rows >= low + self.shape))
-        if bad.size:
-            row, column = bad[0]
-            top = low[column] + self.shape[column] - 1
+        low, top = self._limits
+        outside = (rows < low) | (rows > top)
+        if outside.any():
+            row, column = np.argwhere(outside)[0]
             raise StateError(
-                f'{self.names[column]} = {rows[row, column]} is outside {low[column]}..{top}'
+                f'{self.names[column]} = {rows[row, column]} is outside '
+                f'{low[column]}..{top[column]}'
             )
         return rows.astype(np.int64, copy=False)
+
+    @cached_property
+    def _limits(self) -> tuple[IntArray, IntArray]:
+        """Least and largest value of each variable."""
+        low = np.array([1] + [0] * (len(self.shape) - 1))
+        return low, low + np.array(self.shape) - 1
 
     def index(self, states: ArrayLike) -> IntArray:
         """Index of each state, shape (N,). Raises `StateError`."""

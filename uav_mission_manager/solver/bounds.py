@@ -32,7 +32,7 @@ from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.solver.axes import FloatArray
 from uav_mission_manager.solver.basis import cluster_states
 from uav_mission_manager.solver.cluster_mdps import ClusterMdp, proven_values
-from uav_mission_manager.solver.factors import FLAGS, LEVELS, Factors, goal_order
+from uav_mission_manager.solver.factors import STAKES, Factors, goal_order
 
 WARM, FALL = 0.5, 1 / 150
 """First temperature of the soft minimum, in the mean cost of an epoch over the square of the
@@ -87,7 +87,7 @@ class LowerBound:
         x = 2 * states[:, 1 + k : 1 + 2 * k] + states[:, 1 : 1 + k]
         place = np.where(cell == goals[c], self.mission.grid.q + c - 1, cell)
         committed = x[np.arange(len(x)), np.maximum(c - 1, 0)]
-        total = self._threat[t, m] - eta[c] * (LEVELS * FLAGS)[committed]
+        total = self._threat[t, m] - eta[c] * STAKES[committed]
         shared = (part[:, None] for part in (place, t, f))
         own = (x[:, column] for column in self.clusters.T)
         entries = self.tables[(np.arange(len(self.clusters)), *shared, *own)]

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from uav_mission_manager.solver.axes import FloatArray
-from uav_mission_manager.solver.factors import FLAGS, LEVELS, Factors
+from uav_mission_manager.solver.factors import FLAGS, STAKES, Factors
 
 ROUNDINGS = 64
 """Errors of one ulp of the largest number in a backup, at most, besides 6^n for the x_j."""
@@ -134,7 +134,7 @@ class ClusterMdp:
                     saving = factors.saving[agile[a], j] / holders[j]
                     own[a] -= (kept[:, None] * saving)[lift]
                     if factors.strict:
-                        own[a][..., LEVELS * FLAGS == 0] = np.inf
+                        own[a][..., STAKES == 0] = np.inf
         if factors.strict:
             self._forbid(cost)
         return cost.reshape(*shared.shape, -1).astype(self.dtype)

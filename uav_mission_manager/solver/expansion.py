@@ -40,8 +40,9 @@ goals and drawn points, 3e-3 and 2e-4 cost the same to 0.04 %."""
 
 TINY = float(np.finfo(np.float32).tiny)
 
-POINTS, LEAST = (2, 4, 8), 2048
-"""Design points a feature, where they are drawn: as many as it takes to settle. And the least."""
+POINTS, LEAST, SHARE = (2, 4, 8), 2048, 3
+"""Design points a feature, where they are drawn: as many as it takes to settle. The least of them,
+and the part of all x that is drawn where that is no more than the most a feature."""
 
 RUNAWAY = 3.0
 """Spread of a change, relative to the first, that says that a fit does not settle."""
@@ -116,7 +117,7 @@ def fit_expansion(
     factors, found = Factors(mission), None
     for part in dict.fromkeys((clusters.within(FIRST), clusters)):
         for points in POINTS:
-            x = design(mission, max(points * part.features, LEAST))
+            x = design(mission, _points(mission, part, points))
             fitted = _fit(factors, part, x, found, tolerance, max_iterations, on_sweep)
             if fitted is not None or complete:
                 break
@@ -126,6 +127,12 @@ def fit_expansion(
     if found is None:
         raise ValueError(f'mission {mission.name}: no expansion settles; use another method')
     return found
+
+
+def _points(mission: Mission, clusters: Clusters, points: int) -> int:
+    share = 6**mission.k // SHARE
+    least = share if share <= POINTS[-1] * clusters.features else LEAST
+    return max(points * clusters.features, least)
 
 
 def _fit(

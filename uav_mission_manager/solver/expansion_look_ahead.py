@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from uav_mission_manager.solver.axes import FloatArray
 from uav_mission_manager.solver.basis import Basis
 from uav_mission_manager.solver.expansion import Expansion
-from uav_mission_manager.solver.factors import FLAGS, LEVELS, Factors
+from uav_mission_manager.solver.factors import FLAGS, STAKES, Factors
 
 ENTRIES = 1 << 22
 """Features at a time."""
@@ -84,7 +84,7 @@ class ExpansionLookAhead:
         return expected
 
     def _forbidden(self, x: NDArray[np.int64], f: int) -> NDArray[np.bool_]:
-        wanted = (LEVELS * FLAGS > 0)[x] & (self.factors.completion[f] > 0)
+        wanted = (STAKES[x] > 0) & (self.factors.completion[f] > 0)
         forbidden = self._commits & ~wanted[:, self._goals]
         forbidden[:, self._recharge] = FLAGS[x].all(axis=1)
         forbidden[:, self._repair] = f == 0
@@ -122,7 +122,7 @@ class ExpansionLookAhead:
     ) -> NDArray[np.float64]:
         """p(t, m) - [c > 0] eta_c g_c r_c, shape (N,)."""
         goal = np.maximum(states[:, -3] - 1, 0)
-        wanted = (LEVELS * FLAGS)[x[np.arange(len(x)), goal]]
+        wanted = STAKES[x[np.arange(len(x)), goal]]
         saved = (states[:, -3] > 0) * self._eta[goal] * wanted
         return np.asarray(self._threat[states[:, -2], states[:, -1]] - saved)
 

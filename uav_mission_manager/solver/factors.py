@@ -29,6 +29,9 @@ WAYS = ('normal', 'agile', 'none', 'recharge', 'repair')
 LEVELS, FLAGS = np.divmod(np.arange(6), 2)
 """g_j and r_j of each x_j."""
 
+STAKES = LEVELS * FLAGS
+"""g_j r_j of each x_j; above 0 where the goal may be committed to."""
+
 
 class Factors:
     """Small matrices and costs of a mission with k goals, P = q + k places and A actions.
@@ -77,9 +80,9 @@ class Factors:
         eta = np.array([[goal.eta] for goal in mission.goals])
         delta = np.array([[goal.delta] for goal in mission.goals])
         lost = delta * LEVELS + mission.range.cost / mission.k
-        self.cost = eta * LEVELS * FLAGS + lost * (1 - FLAGS)
+        self.cost = eta * STAKES + lost * (1 - FLAGS)
         self.saving = mission.discount * np.einsum(
-            'wjxy,jy->wjx', self.goals[:2], eta * LEVELS * FLAGS
+            'wjxy,jy->wjx', self.goals[:2], eta * STAKES
         )
         price = np.array(mission.threat.cost)
         self.price = mission.discount * np.einsum('pst,tm->mps', self.threat, price)
@@ -104,7 +107,7 @@ class Factors:
                 own = x[:, action.goal - 1]
                 cost -= kept[:, None] * self.saving[int(action.agile), action.goal - 1, own]
                 if self.strict:
-                    cost[:, (LEVELS * FLAGS)[own] == 0] = np.inf
+                    cost[:, STAKES[own] == 0] = np.inf
                     cost[self.completion == 0] = np.inf
             elif action.kind == 'recharge' and self.strict:
                 cost[:, FLAGS[x].all(axis=1)] = np.inf
