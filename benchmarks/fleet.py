@@ -18,9 +18,9 @@ from parts.missions import case_study
 
 from uav_mission_manager import build_policy
 from uav_mission_manager.mdp import Mission
-from uav_mission_manager.solver.assignment import FleetRules
-from uav_mission_manager.solver.fleet import FleetPlanner
-from uav_mission_manager.solver.fleet_simulation import simulate_fleets
+from uav_mission_manager.solver.evaluation.fleet_simulation import simulate_fleets
+from uav_mission_manager.solver.recombination.assignment import FleetRules
+from uav_mission_manager.solver.recombination.fleet import FleetPlanner
 
 DOCS = Path(__file__).resolve().parents[1] / 'docs'
 GOALS, UAVS = (3, 6, 9, 12), (1, 2, 3, 4, 6, 8)

@@ -24,7 +24,7 @@ from uav_mission_manager.mdp import Mission
 from uav_mission_manager.policy import Policy
 from uav_mission_manager.policy.workers import workers
 from uav_mission_manager.solver import whole_mission
-from uav_mission_manager.solver.evaluation import evaluate, tabulate
+from uav_mission_manager.solver.evaluation.policy_evaluation import evaluate, tabulate
 
 DOCS = Path(__file__).resolve().parents[1] / 'docs'
 MOST, ACTIONS = 1_000_000, 100_000

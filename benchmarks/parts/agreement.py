@@ -154,7 +154,7 @@ class Chain:
     def evaluate(self, numbers: Array, tolerance: float = 1e-7) -> Array:
         """V^pi of the policy with these action numbers (N,), shape (N,).
 
-        As `uav_mission_manager.solver.value_iteration` does it, with the same bounds.
+        As `uav_mission_manager.solver.exact.value_iteration` does it, with the same bounds.
         """
         discount, cost = self.mission.discount, self._arranged(self._cost(numbers))
         gain = discount / (1 - discount)

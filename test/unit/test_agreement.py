@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from strategies import case_study, missions
 
 from uav_mission_manager.mdp import mission_from_dict
-from uav_mission_manager.solver import evaluation, whole_mission
+from uav_mission_manager.solver import whole_mission
+from uav_mission_manager.solver.evaluation import policy_evaluation as evaluation
 
 BENCHMARKS = Path(__file__).parents[2] / 'benchmarks'
 

@@ -14,8 +14,8 @@ from strategies import case_study, missions
 
 from uav_mission_manager.mdp import mission_from_dict
 from uav_mission_manager.solver import BellmanOperator, SubMdp, value_iteration, whole_mission
-from uav_mission_manager.solver.blocks import solve_blocks
-from uav_mission_manager.solver.decomposition import decompose
+from uav_mission_manager.solver.decomposition.decompose import decompose
+from uav_mission_manager.solver.exact.blocks import solve_blocks
 
 CELLS, MODES = range(8), range(1, 9)
 HALVES = (0, 1, 4, 5), (2, 3, 6, 7)

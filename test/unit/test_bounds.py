@@ -14,8 +14,8 @@ from strategies import case_study, missions, pick_states
 
 from uav_mission_manager.mdp import StateSpace, mission_from_dict
 from uav_mission_manager.solver import BellmanOperator, value_iteration, whole_mission
-from uav_mission_manager.solver.bounds import covering, lower_bound
-from uav_mission_manager.solver.cluster_mdps import ClusterMdp
+from uav_mission_manager.solver.bounds.cluster_mdp import ClusterMdp
+from uav_mission_manager.solver.bounds.lower_bound import covering, lower_bound
 from uav_mission_manager.solver.factors import Factors
 
 PAIRS = [(0, 1), (0, 2), (1, 2)]

@@ -15,9 +15,9 @@ from strategies import case_study, missions, pick_states
 
 from uav_mission_manager.mdp import StateSpace, mission_from_dict
 from uav_mission_manager.solver import SubMdp
-from uav_mission_manager.solver.decomposition import KINDS, decompose
-from uav_mission_manager.solver.measures import Measures
-from uav_mission_manager.solver.plan import Plan
+from uav_mission_manager.solver.decomposition.decompose import KINDS, decompose
+from uav_mission_manager.solver.decomposition.measures import Measures
+from uav_mission_manager.solver.decomposition.plan import Plan
 
 MISSION = mission_from_dict(case_study(), 'test')
 MEASURES = Measures(MISSION)

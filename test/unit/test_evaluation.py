@@ -12,8 +12,13 @@ from strategies import case_study, missions, pick_states
 
 from uav_mission_manager import build_policy
 from uav_mission_manager.mdp import StateSpace, mission_from_dict
-from uav_mission_manager.solver import BellmanOperator, SubMdp, sweep, whole_mission
-from uav_mission_manager.solver.evaluation import evaluate, representatives, tabulate
+from uav_mission_manager.solver import BellmanOperator, SubMdp, whole_mission
+from uav_mission_manager.solver.evaluation.policy_evaluation import (
+    evaluate,
+    representatives,
+    tabulate,
+)
+from uav_mission_manager.solver.exact import sweep
 
 
 def whole(document):

@@ -20,11 +20,11 @@ from uav_mission_manager.solver import (
     expansion,
     fit_expansion,
 )
-from uav_mission_manager.solver.basis import COMPLETE, Basis
-from uav_mission_manager.solver.evaluation import evaluate, tabulate
-from uav_mission_manager.solver.expansion import design
+from uav_mission_manager.solver.decomposition.measures import Measures
+from uav_mission_manager.solver.evaluation.policy_evaluation import evaluate, tabulate
+from uav_mission_manager.solver.expansion.basis import COMPLETE, Basis
+from uav_mission_manager.solver.expansion.fit import design
 from uav_mission_manager.solver.factors import Factors
-from uav_mission_manager.solver.measures import Measures
 from uav_mission_manager.solver.submdp import whole_mission
 
 NO_LIMIT = 1 << 60

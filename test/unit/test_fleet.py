@@ -18,11 +18,12 @@ from test_recombination import GoalSubMdp, seen_by
 
 from uav_mission_manager import build_policy
 from uav_mission_manager.mdp import StateError, StateSpace, mission_from_dict
-from uav_mission_manager.solver import fleet, value_iteration
-from uav_mission_manager.solver.assignment import FleetRules, matching
-from uav_mission_manager.solver.fleet import FleetPlanner
-from uav_mission_manager.solver.fleet_simulation import FleetSimulator, simulate_fleets
-from uav_mission_manager.solver.priority import PriorityScore, PriorityWeights
+from uav_mission_manager.solver import value_iteration
+from uav_mission_manager.solver.evaluation.fleet_simulation import FleetSimulator, simulate_fleets
+from uav_mission_manager.solver.recombination import fleet
+from uav_mission_manager.solver.recombination.assignment import FleetRules, matching
+from uav_mission_manager.solver.recombination.fleet import FleetPlanner
+from uav_mission_manager.solver.recombination.priority import PriorityScore, PriorityWeights
 
 CASE_STUDY = mission_from_dict(case_study(), 'test')
 LITERAL = FleetRules(threshold=math.inf)

@@ -12,7 +12,11 @@ from strategies import case_study, missions, pick_states
 
 from uav_mission_manager.mdp import StateSpace, mission_from_dict
 from uav_mission_manager.solver import SubMdp, goal_sub_mdps, highest_priority
-from uav_mission_manager.solver.priority import PriorityScore, PriorityWeights, ranked
+from uav_mission_manager.solver.recombination.priority import (
+    PriorityScore,
+    PriorityWeights,
+    ranked,
+)
 
 
 def undisturbed(model, f, t, cell, destination):

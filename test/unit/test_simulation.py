@@ -14,8 +14,13 @@ from strategies import case_study, missions, pick_states
 from uav_mission_manager import build_policy
 from uav_mission_manager.mdp import StateError, StateSpace, mission_from_dict
 from uav_mission_manager.solver import BellmanOperator, LookAhead, whole_mission
-from uav_mission_manager.solver.evaluation import evaluate, tabulate
-from uav_mission_manager.solver.simulation import ControlVariate, Simulator, estimate, simulate
+from uav_mission_manager.solver.evaluation.policy_evaluation import evaluate, tabulate
+from uav_mission_manager.solver.evaluation.simulation import (
+    ControlVariate,
+    Simulator,
+    estimate,
+    simulate,
+)
 
 DRAWS = 20_000
 

@@ -16,7 +16,7 @@ from uav_mission_manager import build_policy, load_policy
 from uav_mission_manager.cli import policy_build
 from uav_mission_manager.mdp import mission_from_dict
 from uav_mission_manager.policy import Checkpoint, PolicyError
-from uav_mission_manager.solver import look_ahead
+from uav_mission_manager.solver.exact import look_ahead
 
 
 @pytest.fixture

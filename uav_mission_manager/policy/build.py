@@ -68,7 +68,7 @@ def build_policy(
     certificate : bool, optional
         Whether to bound the policy's cost; by default that of an expansion is.
     precision
-        See `uav_mission_manager.solver.value_iteration`.
+        See `uav_mission_manager.solver.exact.value_iteration`.
     jobs : int, optional
         Processes for independent sub-problems, one by default; of the exact solution threads, all
         processors by default.

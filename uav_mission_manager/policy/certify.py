@@ -1,6 +1,6 @@
 """Certificates: how far a policy may be from the optimum, in the mean and in the state at hand.
 
-From below V* is bounded by `uav_mission_manager.solver.bounds`, from above by the cost V^pi of the
+From below V* is bounded by `uav_mission_manager.solver.bounds.lower_bound`, from above by the cost V^pi of the
 policy: by exact evaluation where its table fits, elsewhere by simulation. With an estimate V' of
 V^pi, the larger of the expansion's and the lower bound,
 
@@ -22,8 +22,12 @@ from uav_mission_manager.policy.certificate import Certificate
 from uav_mission_manager.policy.policy import Policy
 from uav_mission_manager.policy.workers import Workers
 from uav_mission_manager.solver import LowerBound, whole_mission
-from uav_mission_manager.solver.evaluation import evaluate, representatives, tabulate
-from uav_mission_manager.solver.simulation import Estimate, estimate
+from uav_mission_manager.solver.evaluation.policy_evaluation import (
+    evaluate,
+    representatives,
+    tabulate,
+)
+from uav_mission_manager.solver.evaluation.simulation import Estimate, estimate
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -13,7 +13,7 @@ from uav_mission_manager.policy.certificate import Certificate
 from uav_mission_manager.policy.policy import Policy
 from uav_mission_manager.policy.store import PolicySet, write_policy_set
 from uav_mission_manager.solver import Expansion, ExpansionLookAhead, choose
-from uav_mission_manager.solver.simulation import ControlVariate
+from uav_mission_manager.solver.evaluation.simulation import ControlVariate
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -28,7 +28,7 @@ from uav_mission_manager.solver import (
     summed,
     whole_mission,
 )
-from uav_mission_manager.solver.simulation import ControlVariate
+from uav_mission_manager.solver.evaluation.simulation import ControlVariate
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -11,7 +11,7 @@ from importlib import import_module
 from multiprocessing import get_context
 from typing import Any
 
-from uav_mission_manager.solver.value_iteration import processors
+from uav_mission_manager.solver.exact.value_iteration import processors
 
 Task = Callable[[], Any]
 

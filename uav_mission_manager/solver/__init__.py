@@ -1,21 +1,26 @@
 """Solving the mission: sub-MDPs, Bellman backup, value iteration, recombination."""
 
-from uav_mission_manager.solver.basis import Clusters, Group, cluster_states
-from uav_mission_manager.solver.bellman import BellmanOperator
-from uav_mission_manager.solver.bounds import LowerBound, covering, lower_bound
-from uav_mission_manager.solver.expansion import Expansion, fit_expansion
-from uav_mission_manager.solver.expansion_look_ahead import ExpansionLookAhead
-from uav_mission_manager.solver.look_ahead import LookAhead
+from uav_mission_manager.solver.bounds.lower_bound import LowerBound, covering, lower_bound
+from uav_mission_manager.solver.exact.look_ahead import LookAhead
+from uav_mission_manager.solver.exact.sweep import Sweeper
+from uav_mission_manager.solver.exact.value_iteration import PRECISIONS, Solution, value_iteration
+from uav_mission_manager.solver.expansion.basis import Clusters, Group, cluster_states
+from uav_mission_manager.solver.expansion.fit import Expansion, fit_expansion
+from uav_mission_manager.solver.expansion.look_ahead import ExpansionLookAhead
 from uav_mission_manager.solver.memory import MissionSizeError
-from uav_mission_manager.solver.recombination import best_value, choose, highest_priority, summed
+from uav_mission_manager.solver.recombination.rules import (
+    best_value,
+    choose,
+    highest_priority,
+    summed,
+)
+from uav_mission_manager.solver.reduced import BellmanOperator
 from uav_mission_manager.solver.submdp import (
     SubMdp,
     goal_sub_mdps,
     split_sub_mdps,
     whole_mission,
 )
-from uav_mission_manager.solver.sweep import Sweeper
-from uav_mission_manager.solver.value_iteration import PRECISIONS, Solution, value_iteration
 
 __all__ = [
     'PRECISIONS',

@@ -2,7 +2,7 @@
 
 One goal's part of the state is x_j = 2 g_j + r_j, of six values; what the goals share is
 y = (place, t, f), the place being the cell or the goal's site while committed to it there (see
-`uav_mission_manager.solver.bellman`). Given the action, y and every x_j move independently, but
+`uav_mission_manager.solver.reduced`). Given the action, y and every x_j move independently, but
 for completion. An action leads to a place in one of five ways.
 """
 

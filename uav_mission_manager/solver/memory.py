@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import DTypeLike
 
+from uav_mission_manager.solver.exact.sweep import BLOCK
 from uav_mission_manager.solver.submdp import SubMdp
-from uav_mission_manager.solver.sweep import BLOCK
 
 SCRATCH = 24 * BLOCK
 """Entries of a thread's scratch, about."""

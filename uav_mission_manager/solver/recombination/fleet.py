@@ -2,10 +2,10 @@
 
 Each UAV has its own f, r, l, c, t and m; the priorities g are the mission's. In every decision
 the goal-wise sub-MDPs are ranked into L by their best agent's score (see
-`uav_mission_manager.solver.priority`), and agents join the queues of those that are open: not
+`uav_mission_manager.solver.recombination.priority`), and agents join the queues of those that are open: not
 complete (C_j = 0), with all preconditions complete before agents are sent, and needing no more
 agents than are left. An agent in several queues takes the action of the one first in L (see
-`uav_mission_manager.solver.assignment`).
+`uav_mission_manager.solver.recombination.assignment`).
 
 What agent k brings to sub-MDP j is what pursuing the goal saves against being idle for it,
 
@@ -30,13 +30,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from uav_mission_manager.mdp.mission import Goal, Mission
 from uav_mission_manager.mdp.states import StateSpace
-from uav_mission_manager.solver.assignment import Board, FleetRules, match, queue
-from uav_mission_manager.solver.bellman import BellmanOperator
-from uav_mission_manager.solver.look_ahead import LookAhead
-from uav_mission_manager.solver.priority import PriorityScore, ranked
-from uav_mission_manager.solver.recombination import choose
+from uav_mission_manager.solver.exact.look_ahead import LookAhead
+from uav_mission_manager.solver.exact.value_iteration import value_iteration
+from uav_mission_manager.solver.recombination.assignment import Board, FleetRules, match, queue
+from uav_mission_manager.solver.recombination.priority import PriorityScore, ranked
+from uav_mission_manager.solver.recombination.rules import choose
+from uav_mission_manager.solver.reduced import BellmanOperator
 from uav_mission_manager.solver.submdp import SubMdp, goal_sub_mdps
-from uav_mission_manager.solver.value_iteration import value_iteration
 
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]

@@ -32,9 +32,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uav_mission_manager.solver.axes import FloatArray, drift, mix, run
-from uav_mission_manager.solver.bellman import GROUND, BellmanOperator, Choice
+from uav_mission_manager.solver.exact.value_iteration import Solution
+from uav_mission_manager.solver.reduced import GROUND, BellmanOperator, Choice
 from uav_mission_manager.solver.submdp import SubMdp
-from uav_mission_manager.solver.value_iteration import Solution
 
 Region = tuple[Sequence[int], Sequence[int]]
 """Cells, from 0, and fault modes, from 1, of a block."""

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uav_mission_manager.solver.axes import FloatArray
-from uav_mission_manager.solver.basis import Basis
-from uav_mission_manager.solver.expansion import Expansion
+from uav_mission_manager.solver.expansion.basis import Basis
+from uav_mission_manager.solver.expansion.fit import Expansion
 from uav_mission_manager.solver.factors import FLAGS, STAKES, Factors
 
 ENTRIES = 1 << 22

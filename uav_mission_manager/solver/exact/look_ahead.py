@@ -12,9 +12,9 @@ from functools import reduce
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uav_mission_manager.solver.arrivals import Arrivals, Expected, FirstHalf
 from uav_mission_manager.solver.axes import FloatArray, run
-from uav_mission_manager.solver.bellman import GROUND, BellmanOperator
+from uav_mission_manager.solver.exact.expectations import Arrivals, Expected, FirstHalf
+from uav_mission_manager.solver.reduced import GROUND, BellmanOperator
 from uav_mission_manager.solver.submdp import SubMdp
 
 TABLES = 1 << 19

@@ -1,9 +1,9 @@
 """The exact cost V^pi of a policy, in every state.
 
-A policy that looks at c and m only through the place (see `uav_mission_manager.solver.bellman`)
+A policy that looks at c and m only through the place (see `uav_mission_manager.solver.reduced`)
 has a cost of the form of V, with W^pi = T_pi W^pi in place of W = T W: the backup takes the
 policy's action where value iteration takes the best. T_pi is monotone and shifts with constants
-as T does, so that the bounds of `uav_mission_manager.solver.value_iteration` hold alike.
+as T does, so that the bounds of `uav_mission_manager.solver.exact.value_iteration` hold alike.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uav_mission_manager.solver.axes import FloatArray
-from uav_mission_manager.solver.bellman import BellmanOperator
+from uav_mission_manager.solver.exact.sweep import Sweeper
+from uav_mission_manager.solver.exact.value_iteration import MIXED, processors
 from uav_mission_manager.solver.memory import check_memory
+from uav_mission_manager.solver.reduced import BellmanOperator
 from uav_mission_manager.solver.submdp import SubMdp
-from uav_mission_manager.solver.sweep import Sweeper
-from uav_mission_manager.solver.value_iteration import MIXED, processors
 
 CHUNK = 1 << 16
 """States for which a policy is asked at a time."""

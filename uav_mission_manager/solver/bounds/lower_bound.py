@@ -30,8 +30,8 @@ from numpy.typing import DTypeLike, NDArray
 
 from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.solver.axes import FloatArray
-from uav_mission_manager.solver.basis import cluster_states
-from uav_mission_manager.solver.cluster_mdps import ClusterMdp, proven_values
+from uav_mission_manager.solver.bounds.cluster_mdp import ClusterMdp, proven_values
+from uav_mission_manager.solver.expansion.basis import cluster_states
 from uav_mission_manager.solver.factors import STAKES, Factors, goal_order
 
 WARM, FALL = 0.5, 1 / 150

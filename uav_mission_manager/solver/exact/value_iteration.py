@@ -24,10 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uav_mission_manager.solver.axes import FloatArray
-from uav_mission_manager.solver.bellman import BellmanOperator
+from uav_mission_manager.solver.exact.sweep import Sweeper
 from uav_mission_manager.solver.memory import check_memory
+from uav_mission_manager.solver.reduced import BellmanOperator
 from uav_mission_manager.solver.submdp import SubMdp
-from uav_mission_manager.solver.sweep import Sweeper
 
 PRECISIONS: dict[str, tuple[Any, ...]] = {
     'mixed': (np.float32, np.float64),
@@ -48,7 +48,7 @@ class Solution:
     ----------
     sub : SubMdp
     value : float array (q + n, 3 * 3^n, 8 * 2^n)
-        W over place, (t, g), (f, r): see `uav_mission_manager.solver.bellman`.
+        W over place, (t, g), (f, r): see `uav_mission_manager.solver.reduced`.
     lower, upper : float
         Guaranteed offsets: V + lower <= V* <= V + upper in every state, rounding included.
     residual : float

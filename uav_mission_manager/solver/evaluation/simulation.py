@@ -28,7 +28,7 @@ from uav_mission_manager.mdp.dynamics import (
 )
 from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.mdp.states import StateSpace
-from uav_mission_manager.solver.recombination import choose
+from uav_mission_manager.solver.recombination.rules import choose
 
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]

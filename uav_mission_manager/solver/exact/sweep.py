@@ -16,10 +16,10 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from uav_mission_manager.solver.arrivals import Arrivals, Expected, FirstHalf
 from uav_mission_manager.solver.axes import FloatArray, Step, gather, run
-from uav_mission_manager.solver.bellman import BellmanOperator, Choice
-from uav_mission_manager.solver.recombination import TIE
+from uav_mission_manager.solver.exact.expectations import Arrivals, Expected, FirstHalf
+from uav_mission_manager.solver.recombination.rules import TIE
+from uav_mission_manager.solver.reduced import BellmanOperator, Choice
 
 BLOCK = 1 << 17
 """Entries of W that a thread works on at a time."""

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from uav_mission_manager.mdp.mission import Mission
-from uav_mission_manager.solver.priority import PriorityWeights
+from uav_mission_manager.solver.recombination.priority import PriorityWeights
 
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]

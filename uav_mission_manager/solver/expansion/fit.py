@@ -1,11 +1,11 @@
 """Goal expansion: V as a sum of tables of a few goals each, fitted to its own Bellman backup.
 
-V(s) = p(t, m) - [c > 0] eta_c g_c r_c + W(y, x), as in `uav_mission_manager.solver.bellman`, with
+V(s) = p(t, m) - [c > 0] eta_c g_c r_c + W(y, x), as in `uav_mission_manager.solver.reduced`, with
 y = (place, t, f) and x = (x_1, .., x_k), is approximated by
 
     W(y, x) = sum over features of theta(y) phi(x),
 
-phi the products of `uav_mission_manager.solver.basis`. Fitted value iteration (Gordon 1995)
+phi the products of `uav_mission_manager.solver.expansion.basis`. Fitted value iteration (Gordon 1995)
 backs up W in a set of design points x and all y, exactly, and fits theta to the result by
 weighted least squares; with the design fixed, a sweep is matrix products. Nothing in it grows
 with 2^k 3^k. Where every goal is in one fine cluster and the design holds all x, the fit is
@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 
 from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.solver.axes import FloatArray
-from uav_mission_manager.solver.basis import LIKELIHOOD, Basis, Clusters
-from uav_mission_manager.solver.design_backup import DesignBackup
+from uav_mission_manager.solver.expansion.basis import LIKELIHOOD, Basis, Clusters
+from uav_mission_manager.solver.expansion.design_backup import DesignBackup
 from uav_mission_manager.solver.factors import Factors, goal_order
 
 WHOLE = 1 << 13

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uav_mission_manager.solver.axes import FloatArray, Step, drift, gather, mix
-from uav_mission_manager.solver.bellman import GROUND, BellmanOperator, hull
+from uav_mission_manager.solver.reduced import GROUND, BellmanOperator, hull
 
 
 @dataclass(frozen=True)

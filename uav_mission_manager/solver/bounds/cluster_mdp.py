@@ -3,7 +3,7 @@
 A cluster keeps all 2k+4 actions, and its y = (place, t, f) and x_j = 2 g_j + r_j move as in the
 whole mission: tables over (P, 3, 8, 6^n) for n goals. Its costs are shares of J that sum to J over
 the clusters; p(t, m) - [c > 0] eta_c g_c r_c of the present state is left out, as in
-`uav_mission_manager.solver.bellman`.
+`uav_mission_manager.solver.reduced`.
 
 The actions of one place are a block of (A, 3, 8, 6^n) entries. All that is done with it is done
 while it is in the cache, and no table of all places and actions is kept but that of the costs.

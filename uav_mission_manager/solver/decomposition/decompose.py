@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from uav_mission_manager.mdp.grid import Grid
 from uav_mission_manager.mdp.mission import Mission
-from uav_mission_manager.solver.measures import Measures
-from uav_mission_manager.solver.plan import Part, Plan, first_part
+from uav_mission_manager.solver.decomposition.measures import Measures
+from uav_mission_manager.solver.decomposition.plan import Part, Plan, first_part
 
 MODES = tuple(range(1, 9))
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uav_mission_manager.solver.axes import FloatArray
-from uav_mission_manager.solver.basis import Basis
+from uav_mission_manager.solver.expansion.basis import Basis
 from uav_mission_manager.solver.factors import WAYS
 
 Arrival = tuple[int, int]

@@ -19,8 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from uav_mission_manager.mdp.dynamics import priority_matrices
 from uav_mission_manager.mdp.mission import Mission
-from uav_mission_manager.solver.fleet import FleetPlanner
-from uav_mission_manager.solver.simulation import Simulator
+from uav_mission_manager.solver.evaluation.simulation import Simulator
+from uav_mission_manager.solver.recombination.fleet import FleetPlanner
 
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]

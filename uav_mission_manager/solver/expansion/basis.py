@@ -25,8 +25,8 @@ from numpy.typing import DTypeLike, NDArray
 
 from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.solver.axes import FloatArray
+from uav_mission_manager.solver.decomposition.measures import Measures
 from uav_mission_manager.solver.factors import FLAGS, LEVELS, Factors
-from uav_mission_manager.solver.measures import Measures
 
 LIKELIHOOD = np.array([0.5, 0.25, 0.25])[LEVELS] * np.array([0.45, 0.55])[FLAGS]
 """Weight of each x_j in a fit. Measured: other weights of priority and range cost more, equal

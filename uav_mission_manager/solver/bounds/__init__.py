@@ -1,0 +1,1 @@
+"""Lower bounds on V* by shared cost."""

@@ -1,0 +1,1 @@
+"""Algorithm 1: candidates, measures, plan, phi."""

@@ -1,0 +1,1 @@
+"""Goal expansion: fitted value iteration and its one-epoch look-ahead."""

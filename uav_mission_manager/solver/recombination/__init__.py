@@ -1,0 +1,1 @@
+"""Algorithm 2: priorities, meta-policies, assignment, fleet."""
