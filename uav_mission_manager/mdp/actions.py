@@ -1,10 +1,24 @@
-"""The actions: 2k+4 global ones, six local ones for the sub-MDP of one goal, and their maps."""
+"""The actions: 2k+4 global ones, six local ones for the sub-MDP of one goal, and their maps.
+
+Goals are counted from 0 here, as in `Mission.goals`. Only the state's c, and the names of actions
+in the paper, count them from 1.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum
 
 from uav_mission_manager.mdp.mission import Mission
+
+
+class ActionKind(Enum):
+    """What an action asks for."""
+
+    NONE = 'none'
+    COMMIT = 'commit'
+    RECHARGE = 'recharge'
+    REPAIR = 'repair'
 
 
 @dataclass(frozen=True)
@@ -15,9 +29,9 @@ class Action:
     ----------
     number : int
         From 1, as in the paper's table 3.
-    kind : {'none', 'commit', 'recharge', 'repair'}
-    goal : int
-        c': the goal committed to, from 1; 0 is none.
+    kind : ActionKind
+    goal : int or None
+        The goal committed to, from 0; None where there is none.
     agile : bool
         m': the mode flown in.
     destination : int
@@ -25,39 +39,44 @@ class Action:
     """
 
     number: int
-    kind: str
-    goal: int
+    kind: ActionKind
+    goal: int | None
     agile: bool
     destination: int
 
+    @property
+    def commitment(self) -> int:
+        """c': the goal committed to, from 1; 0 where there is none."""
+        return 0 if self.goal is None else self.goal + 1
+
 
 def global_actions(mission: Mission) -> tuple[Action, ...]:
-    """Return all 2k+4 actions of a mission; action number n stands at n - 1."""
-    grid = mission.grid
-    actions = []
+    """Return all 2k+4 actions of a mission (the paper's table 3); number n stands at n - 1."""
+    grid, actions = mission.grid, []
     for agile in (False, True):
-        actions.append(('none', 0, agile, grid.base))
-        actions += [('commit', j, agile, goal.cell) for j, goal in enumerate(mission.goals, 1)]
-    actions.append(('recharge', 0, False, grid.service))
-    actions.append(('repair', 0, False, grid.service))
+        actions.append((ActionKind.NONE, None, agile, grid.base))
+        for j, goal in enumerate(mission.goals):
+            actions.append((ActionKind.COMMIT, j, agile, goal.cell))
+    for kind in (ActionKind.RECHARGE, ActionKind.REPAIR):
+        actions.append((kind, None, False, grid.service))
     return tuple(Action(number, *action) for number, action in enumerate(actions, 1))
 
 
 def action_name(mission: Mission, action: Action) -> str:
     """Name of an action for people and for the command topic, such as `commit goal1 agile`."""
-    if action.kind in ('recharge', 'repair'):
-        return action.kind
-    what = f'commit {mission.goals[action.goal - 1].name}' if action.goal else 'none'
+    if action.kind in (ActionKind.RECHARGE, ActionKind.REPAIR):
+        return action.kind.value
+    what = 'none' if action.goal is None else f'commit {mission.goals[action.goal].name}'
     return f'{what} {"agile" if action.agile else "normal"}'
 
 
 def local_actions(k: int, goal: int) -> tuple[int, ...]:
-    """Global numbers of the local actions 1..6 for a goal from 1 (the paper's table 4)."""
-    return (1, 1 + goal, k + 2, k + 2 + goal, 2 * k + 3, 2 * k + 4)
+    """Global numbers of the local actions 1..6 for a goal from 0 (the paper's table 4)."""
+    return (1, 2 + goal, k + 2, k + 3 + goal, 2 * k + 3, 2 * k + 4)
 
 
 def local_to_global(action: int, goal: int, k: int) -> int:
-    """Global number of a local action 1..6 in the sub-MDP of a goal from 1."""
+    """Global number of a local action 1..6 in the sub-MDP of a goal from 0."""
     return local_actions(k, goal)[action - 1]
 
 

@@ -1,40 +1,109 @@
 """One epoch's transition probabilities, one small matrix a state variable.
 
-Given the action, the variables move independently, so P(s' | s, a) is the product of the
-matrices here; rows are the present value, columns the next.
+Given the action the variables move independently, so P(s' | s, a) is the product of the matrices
+here, with one exception: an action that commits to goal j on the cell of goal j completes the
+goal with probability `completion(f)`, and then g_j' = 0 and c' = 0.
+
+Rows of a matrix are the present value, columns the next. How f and r move depends on the
+*regime* of the epoch: flight in one of two modes, or one of three stays on the ground.
 """
 
 from __future__ import annotations
 
+from enum import IntEnum
+
 import numpy as np
-from numpy.typing import NDArray
 
-from uav_mission_manager.mdp.actions import Action
+from uav_mission_manager.mdp.actions import ActionKind, global_actions
+from uav_mission_manager.mdp.arrays import BoolArray, FloatArray, IndexArray
 from uav_mission_manager.mdp.mission import Mission
-
-FloatArray = NDArray[np.float64]
-
-
-def failure_matrices(mission: Mission, agile: bool) -> tuple[FloatArray, ...]:
-    """P(bit' | bit) of each part in flight, 0 healthy and 1 failed: sensor, actuator, camera."""
-    rates = vars(mission.faults.rate).values()
-    factors = vars(mission.faults.agile_factor).values()
-    matrices = []
-    for rate, factor in zip(rates, factors):
-        p = min(rate * factor, 1.0) if agile else rate
-        matrices.append(np.array([[1 - p, p], [0.0, 1.0]]))
-    return tuple(matrices)
+from uav_mission_manager.mdp.routes import next_hops
 
 
-def range_matrix(mission: Mission, agile: bool) -> FloatArray:
-    """P(r_j' | r_j) in flight."""
-    loss = mission.range.loss.agile if agile else mission.range.loss.normal
-    return np.array([[1.0, 0.0], [loss, 1 - loss]])
+class Regime(IntEnum):
+    """How an epoch is spent, as far as faults and ranges are concerned."""
+
+    NORMAL_FLIGHT = 0
+    AGILE_FLIGHT = 1
+    PARKED = 2
+    RECHARGED = 3
+    REPAIRED = 4
 
 
-def priority_matrices(mission: Mission) -> tuple[FloatArray, ...]:
-    """P(g_j' | g_j) of each goal that is not just completed."""
-    return tuple(np.array(goal.priority_transition) for goal in mission.goals)
+ON_GROUND = (Regime.PARKED, Regime.RECHARGED, Regime.REPAIRED)
+"""The regimes in which nothing fails and no range is lost."""
+
+
+def regimes(mission: Mission) -> IndexArray:
+    """Regime of each action in each cell, shape (2k+4, q)."""
+    base, service = mission.grid.base, mission.grid.service
+    out = np.empty((2 * mission.k + 4, mission.grid.q), np.intp)
+    for row, action in zip(out, global_actions(mission)):
+        row[:] = Regime.AGILE_FLIGHT if action.agile else Regime.NORMAL_FLIGHT
+        if action.kind is ActionKind.NONE and not action.agile:
+            row[base] = Regime.PARKED
+        elif action.kind is ActionKind.RECHARGE:
+            row[service] = Regime.RECHARGED
+        elif action.kind is ActionKind.REPAIR:
+            row[service] = Regime.REPAIRED
+    return out
+
+
+def landings(mission: Mission) -> IndexArray:
+    """l': the cell after the epoch, for each action and cell, shape (2k+4, q)."""
+    actions = global_actions(mission)
+    return np.array([next_hops(mission.grid, action.destination) for action in actions])
+
+
+def may_complete(mission: Mission) -> BoolArray:
+    """Where an action may complete the goal that it commits to, shape (2k+4, q)."""
+    out = np.zeros((2 * mission.k + 4, mission.grid.q), dtype=bool)
+    for row, action in zip(out, global_actions(mission)):
+        row[action.destination] = action.goal is not None
+    return out
+
+
+def completion_probabilities(mission: Mission) -> FloatArray:
+    """completion(f), shape (8,)."""
+    return np.array(mission.faults.completion)
+
+
+def failure_probabilities(mission: Mission) -> FloatArray:
+    """P(a healthy part fails) in normal and agile flight, of sensor, actuator, camera: (2, 3)."""
+    rate = np.array(list(vars(mission.faults.rate).values()))
+    factor = np.array(list(vars(mission.faults.agile_factor).values()))
+    return np.array([rate, np.minimum(rate * factor, 1.0)])
+
+
+def range_loss_probabilities(mission: Mission) -> FloatArray:
+    """P(r_j: 1 -> 0) in normal and agile flight, shape (2,)."""
+    return np.array([mission.range.loss.normal, mission.range.loss.agile])
+
+
+def fault_matrices(mission: Mission) -> FloatArray:
+    """P(f' | f) in each regime, shape (5, 8, 8)."""
+    matrices = np.broadcast_to(np.eye(8), (len(Regime), 8, 8)).copy()
+    for regime, parts in enumerate(failure_probabilities(mission)):
+        sensor, actuator, camera = (np.array([[1 - p, p], [0.0, 1.0]]) for p in parts)
+        # The bits of f - 1 are, from the highest, camera, actuator, sensor.
+        matrices[regime] = np.kron(np.kron(camera, actuator), sensor)
+    matrices[Regime.REPAIRED] *= 1 - mission.faults.repair_success
+    matrices[Regime.REPAIRED, :, 0] += mission.faults.repair_success
+    return matrices
+
+
+def range_matrices(mission: Mission) -> FloatArray:
+    """P(r_j' | r_j) in each regime, shape (5, 2, 2)."""
+    matrices = np.broadcast_to(np.eye(2), (len(Regime), 2, 2)).copy()
+    for regime, loss in enumerate(range_loss_probabilities(mission)):
+        matrices[regime, 1] = loss, 1 - loss
+    matrices[Regime.RECHARGED, 0] = 0.0, 1.0
+    return matrices
+
+
+def priority_matrices(mission: Mission) -> FloatArray:
+    """P(g_j' | g_j) of each goal that is not completed in the epoch, shape (k, 3, 3)."""
+    return np.array([goal.priority_transition for goal in mission.goals])
 
 
 def threat_matrices(mission: Mission) -> FloatArray:
@@ -50,10 +119,3 @@ def threat_matrices(mission: Mission) -> FloatArray:
     matrices[:, 1] = threat.from_low
     matrices[:, 2] = threat.from_high
     return matrices
-
-
-def on_ground(mission: Mission, action: Action, cell: int) -> bool:
-    """Whether an action keeps the UAV on the ground: nothing fails, no range is lost."""
-    if action.kind == 'none':
-        return not action.agile and cell == mission.grid.base
-    return action.kind in ('recharge', 'repair') and cell == mission.grid.service

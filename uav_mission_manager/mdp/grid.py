@@ -1,12 +1,9 @@
-"""The grid of cells, its distances, its shortest ways and its place on the earth."""
+"""The grid of cells and its place on the earth."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
 
 WGS84_SEMI_MAJOR = 6378137.0
 WGS84_ECCENTRICITY_SQUARED = 6.69437999014e-3
@@ -94,26 +91,3 @@ class Grid:
         col = min(max(round(east / self.cell_size), 0), self.cols - 1)
         row = min(max(round(-north / self.cell_size), 0), self.rows - 1)
         return row * self.cols + col
-
-    def distances(self) -> NDArray[np.float64]:
-        """Euclidean distances between all cells, in cell widths, shape (q, q)."""
-        row, col = np.divmod(np.arange(self.q), self.cols)
-        north = (row[:, None] - row[None, :]).astype(float)
-        east = (col[:, None] - col[None, :]).astype(float)
-        return np.sqrt(north * north + east * east)
-
-    def next_hops(self) -> NDArray[np.intp]:
-        """One epoch of flight, shape (q, q): `[l, d]` is the cell after l on the way to d.
-
-        Among the 4-neighbours one step closer to d the lowest cell number; d itself on d.
-        """
-        row, col = np.divmod(np.arange(self.q), self.cols)
-        rows_to_go = row[None, :] - row[:, None]
-        cols_to_go = col[None, :] - col[:, None]
-        here = np.arange(self.q)[:, None]
-        # Ascending cell numbers: north (-cols), west (-1), east (+1), south (+cols).
-        return np.select(
-            [rows_to_go < 0, cols_to_go < 0, cols_to_go > 0, rows_to_go > 0],
-            [here - self.cols, here - 1, here + 1, here + self.cols],
-            default=here,
-        ).astype(np.intp)

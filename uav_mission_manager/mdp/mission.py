@@ -170,7 +170,7 @@ class Mission:
 
     Attributes
     ----------
-    feasibility : {'strict', 'seed'}
+    feasibility : {'strict', 'paper'}
         Whether actions are allowed only where they make sense, or everywhere as in the paper.
     distance_weight : float
         Cost of a cell width between the UAV and its destination, an epoch.

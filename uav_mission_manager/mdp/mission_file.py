@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -57,7 +58,7 @@ def mission_from_dict(data: Any, source: str) -> Mission:
     mission = Mission(
         name=root.get('name', fields.name),
         discount=root.get('discount', fields.open_unit),
-        feasibility=root.get('feasibility', fields.one_of('strict', 'seed'), 'strict'),
+        feasibility=root.get('feasibility', _feasibility(source), 'strict'),
         grid=grid,
         goals=_goals(root, grid, shared),
         faults=root.section('faults', _faults),
@@ -80,6 +81,17 @@ class _StrictLoader(yaml.SafeLoader):
             if isinstance(key, str) and keys.count((tag, key)) > 1:
                 raise yaml.YAMLError(f'key {key!r} twice in one mapping{node.start_mark}')
         return super().construct_mapping(node, deep=deep)
+
+
+def _feasibility(source: str) -> Callable[[Any], str]:
+    def check(value: Any) -> str:
+        if value == 'seed':
+            text = f"{source}: feasibility: 'seed' is the old word for 'paper'; please write 'paper'"
+            warnings.warn(text, FutureWarning, stacklevel=2)
+            return 'paper'
+        return fields.one_of('strict', 'paper')(value)
+
+    return check
 
 
 def _cell(grid: Grid) -> Callable[[Any], int]:

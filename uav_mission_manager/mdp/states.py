@@ -5,15 +5,38 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-IntArray = NDArray[np.int64]
+from uav_mission_manager.mdp.arrays import IntArray
 
 
 class StateError(ValueError):
     """States with a variable out of its range; the message names the variable and the value."""
+
+
+class StateView(NamedTuple):
+    """The variables of N states by name: views of the state array, not copies.
+
+    Attributes
+    ----------
+    f : int array (N,)
+        Fault mode, from 1.
+    r, g : int array (N, k)
+        Range flags and priorities.
+    l, c, t, m : int array (N,)
+        Cell, commitment (from 1, 0 none), threat, mode.
+    """
+
+    f: IntArray
+    r: IntArray
+    g: IntArray
+    l: IntArray  # noqa: E741  The paper's letter.
+    c: IntArray
+    t: IntArray
+    m: IntArray
 
 
 @dataclass(frozen=True)
@@ -81,6 +104,13 @@ class StateSpace:
         digits = self.check(states).T.copy()
         digits[0] -= 1
         return np.asarray(np.ravel_multi_index(tuple(digits), self.shape), dtype=np.int64)
+
+    def split(self, states: IntArray) -> StateView:
+        """Return the variables of states (..., 2k+5) as views with the array's leading axes."""
+        k = self.k
+        f, rest = states[..., 0], states[..., 1:]
+        r, g = rest[..., :k], rest[..., k : 2 * k]
+        return StateView(f, r, g, *(rest[..., 2 * k + i] for i in range(4)))
 
     def draw(self, count: int, rng: np.random.Generator) -> IntArray:
         """States drawn evenly, shape (count, 2k+5)."""

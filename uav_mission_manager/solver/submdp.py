@@ -1,7 +1,9 @@
 """Sub-MDPs: the mission seen through some of its goals.
 
 A sub-MDP tracks f, l, t and m, and of every goal in its cluster r_j, g_j and whether the UAV is
-committed to it. The whole mission is the sub-MDP of all goals.
+committed to it. The whole mission is the sub-MDP of all goals. Its costs are those of
+`uav_mission_manager.mdp.cost`, each times the sub-MDP's share of it; its rules are those of
+`uav_mission_manager.mdp.feasibility`, as far as they ask for what it tracks.
 """
 
 from __future__ import annotations
@@ -10,10 +12,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from uav_mission_manager.mdp import cost
 from uav_mission_manager.mdp.actions import Action, global_actions, local_actions
+from uav_mission_manager.mdp.arrays import BoolArray, FloatArray, IntArray
+from uav_mission_manager.mdp.feasibility import Feasibility, feasibility
 from uav_mission_manager.mdp.mission import Mission
+from uav_mission_manager.mdp.states import StateSpace
 
 
 @dataclass(frozen=True)
@@ -28,17 +33,19 @@ class SubMdp:
     numbers : tuple of int
         Numbers of the global actions it may choose from.
     share : float
-        Its part of the costs all goals share: fault, distance, service and threat.
-    way : bool
-        Whether the cost h of the way and of a service counts; the paper's Eq. (local_cost) has
-        none.
+        Its part of the costs that all goals share: fault, travel and threat.
+    travel : bool
+        Whether the travel cost h counts; the paper's Eq. (local_cost) has none.
+    goal_shares : tuple of float
+        Its part of the cost of each goal tracked; empty where that is all of it.
     """
 
     mission: Mission
     goals: tuple[int, ...]
     numbers: tuple[int, ...]
     share: float = 1.0
-    way: bool = True
+    travel: bool = True
+    goal_shares: tuple[float, ...] = ()
 
     @property
     def n(self) -> int:
@@ -54,95 +61,110 @@ class SubMdp:
     @property
     def states(self) -> int:
         """Number of states: 8 * 2^n * 3^n * q * (n+1) * 3 * 2."""
-        return 8 * 6**self.n * self.mission.grid.q * (self.n + 1) * 6
+        return state_count(self.n, self.mission.grid.q, 8)
 
     @property
     def entries(self) -> int:
-        """Number of unknowns: q cells and n goals' sites, times 3 * 8 * 2^n * 3^n."""
-        return (self.mission.grid.q + self.n) * 24 * 6**self.n
+        """Number of unknowns W(l, t, g, f, r): q * 3 * 3^n * 8 * 2^n."""
+        return self.mission.grid.q * 24 * 6**self.n
 
     def slot(self, action: Action) -> int | None:
         """Position in `goals` of the goal an action commits to, None where it tracks none."""
-        goal = action.goal - 1
-        return self.goals.index(goal) if goal in self.goals else None
-
-    def allowed(self, action: Action) -> NDArray[np.bool_]:
-        """Where the mission's feasibility rule allows an action.
-
-        Over (g_j, f, r) with j the goal that the action commits to, shape (3, 8, 2^n); over
-        (1, f, r) where that is none or not tracked. A rule that asks for what is not tracked
-        does not restrict.
-        """
-        mission, slot = self.mission, self.slot(action)
-        allowed = np.ones((1 if slot is None else 3, 8, 2**self.n), dtype=bool)
-        if mission.feasibility == 'seed' or action.kind == 'none':
-            return allowed
-        if action.kind == 'commit':
-            allowed &= (np.array(mission.faults.completion) > 0)[:, None]
-            if slot is not None:
-                allowed &= self.flags[slot] == 1
-                allowed[0] = False
-        elif action.kind == 'recharge':
-            if self.n == mission.k:
-                allowed &= (self.flags == 0).any(axis=0)
-        else:
-            allowed[:, 0] = False
-        return allowed
+        return self.goals.index(action.goal) if action.goal in self.goals else None
 
     @cached_property
-    def weights(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """eta_j and delta_j of the goals tracked, each of shape (n,)."""
-        goals = [self.mission.goals[j] for j in self.goals]
-        return np.array([goal.eta for goal in goals]), np.array([goal.delta for goal in goals])
-
-    def columns(self, states: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Columns r and g of the goals tracked in global states (N, 2k+5), each (N, n)."""
-        chosen = np.array(self.goals, dtype=np.intp)
-        return states[:, 1 + chosen], states[:, 1 + self.mission.k + chosen]
-
-    def allowed_in(self, states: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Whether each action is allowed in global states (N, 2k+5), shape (N, actions)."""
-        mission, (r, g) = self.mission, self.columns(states)
-        allowed = np.ones((len(states), len(self.actions)), dtype=bool)
-        if mission.feasibility == 'seed':
-            return allowed
-        f, wanted = states[:, 0] - 1, (r == 1) & (g > 0)
-        able = np.array(mission.faults.completion)[f] > 0
-        for column, action in zip(allowed.T, self.actions):
-            if action.kind == 'commit':
-                slot = self.slot(action)
-                column[:] = able if slot is None else able & wanted[:, slot]
-            elif action.kind == 'recharge' and self.n == mission.k:
-                column[:] = (r == 0).any(axis=1)
-            elif action.kind == 'repair':
-                column[:] = f > 0
-        return allowed
+    def goal_costs(self) -> FloatArray:
+        """Cost of each goal tracked as if uncommitted, over slot, g_j, r_j: (n, 3, 2)."""
+        return cost.goal_costs(self.mission)[list(self.goals)] * self._goal_shares
 
     @cached_property
-    def flags(self) -> NDArray[np.int64]:
-        """r_j for every joint range flag, shape (n, 2^n)."""
-        return np.indices((2,) * self.n).reshape(self.n, 2**self.n)
+    def commitment_savings(self) -> FloatArray:
+        """What commitment to each goal tracked takes off, over slot, g_j, r_j: (n, 3, 2)."""
+        return cost.commitment_savings(self.mission)[list(self.goals)] * self._goal_shares
 
     @cached_property
-    def priorities(self) -> NDArray[np.int64]:
-        """g_j for every joint priority, shape (n, 3^n)."""
-        return np.indices((3,) * self.n).reshape(self.n, 3**self.n)
+    def travel_costs(self) -> FloatArray:
+        """The travel cost h of each action in each cell, shape (actions, q)."""
+        chosen = cost.travel_costs(self.mission)[np.array(self.numbers) - 1]
+        return chosen * (self.share * self.travel)
+
+    @cached_property
+    def fault_costs(self) -> FloatArray:
+        """phi(f), shape (8,)."""
+        return self.share * cost.fault_costs(self.mission)
+
+    @cached_property
+    def threat_costs(self) -> FloatArray:
+        """p(t, m), shape (3, 2)."""
+        return self.share * cost.threat_costs(self.mission)
+
+    @cached_property
+    def feasibility(self) -> Feasibility:
+        """The mission's rule for its actions; what it does not track does not restrict."""
+        rule, chosen = feasibility(self.mission), np.array(self.numbers) - 1
+        whole = self.n == self.mission.k
+        return Feasibility(
+            rule.by_fault[chosen], rule.by_goal, rule.needs_lost_range[chosen] & whole
+        )
+
+    def flags_and_priorities(self, states: IntArray) -> tuple[IntArray, IntArray]:
+        """r and g of the goals tracked in global states (N, 2k+5), each (N, n)."""
+        s = StateSpace(self.mission.k, self.mission.grid.q).split(states)
+        chosen = list(self.goals)
+        return s.r[:, chosen], s.g[:, chosen]
+
+    @property
+    def _goal_shares(self) -> FloatArray:
+        return np.array(self.goal_shares or (1.0,) * self.n)[:, None, None]
+
+
+def state_count(goals: int, cells: int, fault_modes: int) -> int:
+    """States of an MDP that tracks so many goals, cells and fault modes."""
+    return fault_modes * 6**goals * cells * (goals + 1) * 6
 
 
 def whole_mission(mission: Mission) -> SubMdp:
     """Return the mission itself as a sub-MDP."""
-    return SubMdp(mission, tuple(range(mission.k)), tuple(range(1, 2 * mission.k + 5)))
+    return SubMdp(mission, tuple(range(mission.k)), _all_actions(mission))
 
 
 def goal_sub_mdps(mission: Mission) -> tuple[SubMdp, ...]:
     """Return the paper's goal-wise sub-MDPs: one goal, six local actions, Eq. (local_cost)."""
     return tuple(
-        SubMdp(mission, (j,), local_actions(mission.k, j + 1), way=False)
-        for j in range(mission.k)
+        SubMdp(mission, (j,), local_actions(mission.k, j), travel=False) for j in range(mission.k)
+    )
+
+
+def shared_sub_mdps(mission: Mission, clusters: IntArray) -> tuple[SubMdp, ...]:
+    """Return sub-MDPs of clusters of goals whose costs add up to the mission's.
+
+    Each keeps all 2k+4 actions, and an even share of every cost among those that see it: of what
+    the goals have in common among all clusters, of a goal's own cost among those that hold it.
+    Hence their optimal costs sum to a lower bound on V* (Russell and Zimdars 2003).
+
+    Parameters
+    ----------
+    mission : Mission
+    clusters : int array (C, n)
+        Goals of each cluster, from 0, ascending; every goal in at least one.
+    """
+    holders = np.bincount(clusters.ravel(), minlength=mission.k)
+    return tuple(
+        SubMdp(
+            mission,
+            tuple(goals.tolist()),
+            _all_actions(mission),
+            share=1.0 / len(clusters),
+            goal_shares=tuple((1.0 / holders[goals]).tolist()),
+        )
+        for goals in clusters
     )
 
 
 def split_sub_mdps(mission: Mission) -> tuple[SubMdp, ...]:
-    """Return one sub-MDP a goal with every action kept and the shared costs split evenly."""
-    numbers = tuple(range(1, 2 * mission.k + 5))
-    return tuple(SubMdp(mission, (j,), numbers, 1.0 / mission.k) for j in range(mission.k))
+    """Return one sub-MDP a goal with every action kept and the common costs split evenly."""
+    return shared_sub_mdps(mission, np.arange(mission.k)[:, None])
+
+
+def _all_actions(mission: Mission) -> tuple[int, ...]:
+    return tuple(range(1, 2 * mission.k + 5))

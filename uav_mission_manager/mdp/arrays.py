@@ -1,0 +1,18 @@
+"""Names of the array types that the whole package uses."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+FloatArray = NDArray[np.float64]
+
+IndexArray = NDArray[np.intp]
+"""Positions in other arrays."""
+
+RealArray = NDArray[np.floating[Any]]
+"""Numbers in single or double precision."""

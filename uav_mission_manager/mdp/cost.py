@@ -1,0 +1,77 @@
+"""The stage cost J(s, a), the paper's Eq. (cost), term by term.
+
+    J(s, a) = sum_j goal_costs_j(g_j, r_j) - commitment_savings_c(g_c, r_c)
+              + travel_costs(a, l) + fault_costs(f) + threat_costs(t, m)
+
+The first term is what the goals cost as if the UAV were committed to none of them; the second,
+0 where c = 0, is what the commitment takes off. Only `travel_costs`, the paper's h, depends on
+the action.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uav_mission_manager.mdp.actions import ActionKind, global_actions
+from uav_mission_manager.mdp.arrays import FloatArray
+from uav_mission_manager.mdp.mission import Mission
+from uav_mission_manager.mdp.routes import distances
+from uav_mission_manager.mdp.states import StateSpace
+
+PRIORITIES = np.arange(3.0)[:, None]
+RANGE_FLAGS = np.arange(2.0)
+
+
+def goal_costs(mission: Mission) -> FloatArray:
+    """eta_j g_j r_j + (delta_j g_j + beta/k) (1 - r_j), over goal, g_j and r_j: (k, 3, 2)."""
+    delta = np.array([goal.delta for goal in mission.goals])[:, None, None]
+    out_of_range = delta * PRIORITIES + mission.range.cost / mission.k
+    return commitment_savings(mission) + out_of_range * (1 - RANGE_FLAGS)
+
+
+def commitment_savings(mission: Mission) -> FloatArray:
+    """eta_j g_j r_j, over goal, g_j and r_j: (k, 3, 2)."""
+    eta = np.array([goal.eta for goal in mission.goals])[:, None, None]
+    return np.asarray(eta * PRIORITIES * RANGE_FLAGS)
+
+
+def travel_costs(mission: Mission) -> FloatArray:
+    """h: distance to the destination, and what a service costs where it is given, (2k+4, q)."""
+    costs = []
+    for action in global_actions(mission):
+        cost = mission.distance_weight * distances(mission.grid, action.destination)
+        if action.kind in (ActionKind.RECHARGE, ActionKind.REPAIR):
+            cost[mission.grid.service] += getattr(mission.service_cost, action.kind.value)
+        costs.append(cost)
+    return np.array(costs)
+
+
+def fault_costs(mission: Mission) -> FloatArray:
+    """phi(f), shape (8,)."""
+    return np.array(mission.faults.cost)
+
+
+def threat_costs(mission: Mission) -> FloatArray:
+    """p(t, m), shape (3, 2)."""
+    return np.array(mission.threat.cost)
+
+
+def stage_costs(mission: Mission, states: ArrayLike, actions: ArrayLike) -> FloatArray:
+    """J(s, a) of states (N, 2k+5) and action numbers (N,), shape (N,). Raises `StateError`."""
+    space = StateSpace(mission.k, mission.grid.q)
+    s = space.split(space.check(states))
+    total = goal_costs(mission)[np.arange(mission.k), s.g, s.r].sum(axis=1)
+    committed, j = s.c > 0, np.maximum(s.c - 1, 0)
+    row = np.arange(len(j))
+    total -= committed * commitment_savings(mission)[j, s.g[row, j], s.r[row, j]]
+    total += travel_costs(mission)[np.asarray(actions) - 1, s.l]
+    total += fault_costs(mission)[s.f - 1] + threat_costs(mission)[s.t, s.m]
+    return np.asarray(total)
+
+
+def largest_stage_cost(mission: Mission) -> float:
+    """Bound on J(s, a) from above; it is nowhere below 0."""
+    goals = goal_costs(mission).max(axis=(1, 2)).sum()
+    own = travel_costs(mission).max() + fault_costs(mission).max() + threat_costs(mission).max()
+    return float(goals + own)

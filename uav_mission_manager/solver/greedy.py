@@ -1,0 +1,16 @@
+"""The greedy choice, and when actions tie."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from uav_mission_manager.mdp.arrays import FloatArray, IntArray
+
+TIE = 1e-9
+"""Actions within this of the least Q, relative to it, tie; the lowest number wins."""
+
+
+def choose(q_values: FloatArray) -> IntArray:
+    """Action numbers of least Q of tables (N, A), shape (N,)."""
+    least = q_values.min(axis=1, keepdims=True)
+    return np.argmax(q_values <= least + TIE * np.abs(least), axis=1) + 1
