@@ -64,7 +64,7 @@ class BruteForce:
         return 'recharge' if action == 2 * k + 3 else 'repair', 0, 0, self.service
 
     def allowed(self, state, action):
-        if self.document.get('feasibility') == 'seed':
+        if self.document.get('feasibility') == 'paper':
             return True
         f, r, g, *_ = self.split(state)
         kind, _, goal, _ = self.effect(action)
@@ -141,10 +141,10 @@ class BruteForce:
         common = self.document.get('priority_transition')
         return list(enumerate(self.goals[j].get('priority_transition', common)[level]))
 
-    def goal_on_site(self, state):
-        """Number of the goal the UAV is committed to and on the cell of, else 0."""
-        *_, cell, c, _, _ = state
-        return c if c > 0 and cell == self.goals[c - 1]['cell'] else 0
+    def goal_on_site(self, state, action):
+        """Number of the goal that the action commits to if the UAV is on its cell, else 0."""
+        kind, _, goal, destination = self.effect(action)
+        return goal if kind == 'commit' and state[-4] == destination else 0
 
     def successors(self, state, action):
         """Every (state', probability) of one epoch."""
@@ -153,7 +153,7 @@ class BruteForce:
         faults, flags = self.health_outcomes(state, action)
         after = self.next_cell(cell, destination)
         threats = self.threat_outcomes(t, after)
-        on_site = self.goal_on_site(state)
+        on_site = self.goal_on_site(state, action)
         done = self.completion(f) if on_site else 0.0
         for completed, weight in ((True, done), (False, 1.0 - done)):
             if weight == 0:
@@ -191,7 +191,7 @@ def matrices(model):
         if not model.allowed(state, action):
             continue
         costs[i, action - 1] = model.cost(state, action)
-        key = (*state[:-3], model.goal_on_site(state), state[-2], action)
+        key = (*state[:-3], state[-2], action)
         if key not in known:
             known[key] = len(known)
             row = {}

@@ -119,7 +119,7 @@ def missions(draw, sizes, goal_counts):
     if shared:
         document['priority_transition'] = draw(matrices)
     optional = st.fixed_dictionaries({}, optional={
-        'feasibility': st.sampled_from(['strict', 'seed']),
+        'feasibility': st.sampled_from(['strict', 'paper']),
         'service_cost': st.fixed_dictionaries(
             {}, optional={'recharge': costs, 'repair': costs}),
         'energy': energies,

@@ -269,3 +269,14 @@ def test_digest_tells_missions_apart():
     mission = mission_from_dict(case_study(), 'test')
     other = dataclasses.replace(mission, distance_weight=math.nextafter(1.0, 2.0))
     assert other.digest() != mission.digest()
+
+
+def test_paper_was_called_seed(tmp_path):
+    """Files with the old word load with a warning, and are the same mission."""
+    file = tmp_path / 'old.yaml'
+    file.write_text(yaml.safe_dump(case_study(feasibility='seed')))
+    with pytest.warns(FutureWarning, match=rf"^{re.escape(str(file))}: .*write 'paper'$"):
+        old = load_mission(file)
+    new = mission_from_dict(case_study(feasibility='paper'), 'test')
+    assert old == new
+    assert old.digest() == new.digest()
