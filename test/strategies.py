@@ -23,6 +23,32 @@ def case_study(*goals, **changes):
     return document
 
 
+def lively(**changes):
+    """Two goals in three cells, every probability far from 0 and 1."""
+    document = case_study(
+        1,
+        2,
+        grid={'rows': 1, 'cols': 3, 'base': 0, 'service': 2},
+        priority_transition=[[0.5, 0.3, 0.2], [0.3, 0.4, 0.3], [0.2, 0.3, 0.5]],
+        **changes,
+    )
+    document['goals'][0]['cell'], document['goals'][1]['cell'] = 1, 1
+    document['faults'] |= {
+        'rate': dict.fromkeys(PARTS, 0.3),
+        'completion': [0.5] * 8,
+        'repair_success': 0.6,
+    }
+    document['range']['loss'] = {'normal': 0.3, 'agile': 0.6}
+    document['threat'] |= {
+        'onset': 0.3,
+        'high_share': 0.4,
+        'from_low': [0.5, 0.3, 0.2],
+        'from_high': [0.2, 0.3, 0.5],
+    }
+    document['threat'].pop('zones')
+    return document
+
+
 def pick_states(space, count, seed=0):
     """Rows of distinct random states."""
     rng = np.random.default_rng(seed)
@@ -38,8 +64,9 @@ def rows(entries, length):
     return st.lists(entries, min_size=length, max_size=length)
 
 
-distributions = rows(st.integers(0, 9), 3).filter(any).map(
-    lambda weights: [weight / sum(weights) for weight in weights])
+distributions = rows(st.integers(0, 9), 3).map(
+    lambda weights: [w / sum(weights) for w in weights] if any(weights) else [1.0, 0.0, 0.0]
+)
 matrices = rows(distributions, 3)
 
 
@@ -80,15 +107,21 @@ def threats(cells):
 
 
 positive = st.floats(1e-3, 1e3)
-energies = st.fixed_dictionaries({
-    **dict.fromkeys(('capacity', 'voltage', 'power', 'speed'), positive),
-    **dict.fromkeys(('wind', 'wind_penalty', 'payload', 'payload_penalty'), costs),
-})
-places = st.fixed_dictionaries({}, optional={
-    'cell_size': positive,
-    'origin': st.fixed_dictionaries({
-        'latitude': st.floats(-80, 80), 'longitude': st.floats(-180, 180), 'altitude': costs}),
-})
+energies = st.fixed_dictionaries(
+    {
+        **dict.fromkeys(('capacity', 'voltage', 'power', 'speed'), positive),
+        **dict.fromkeys(('wind', 'wind_penalty', 'payload', 'payload_penalty'), costs),
+    }
+)
+places = st.fixed_dictionaries(
+    {},
+    optional={
+        'cell_size': positive,
+        'origin': st.fixed_dictionaries(
+            {'latitude': st.floats(-80, 80), 'longitude': st.floats(-180, 180), 'altitude': costs}
+        ),
+    },
+)
 
 
 @st.composite
@@ -104,7 +137,10 @@ def missions(draw, sizes, goal_counts):
         'name': 'random',
         'discount': draw(st.floats(0.05, 0.95)),
         'grid': {
-            'rows': rows_, 'cols': cols, 'base': draw(cells), 'service': draw(cells),
+            'rows': rows_,
+            'cols': cols,
+            'base': draw(cells),
+            'service': draw(cells),
             **draw(places),
         },
         'goals': draw(goals(cells, draw(st.sampled_from(goal_counts)), shared)),
@@ -118,10 +154,14 @@ def missions(draw, sizes, goal_counts):
     }
     if shared:
         document['priority_transition'] = draw(matrices)
-    optional = st.fixed_dictionaries({}, optional={
-        'feasibility': st.sampled_from(['strict', 'paper']),
-        'service_cost': st.fixed_dictionaries(
-            {}, optional={'recharge': costs, 'repair': costs}),
-        'energy': energies,
-    })
+    optional = st.fixed_dictionaries(
+        {},
+        optional={
+            'feasibility': st.sampled_from(['strict', 'paper']),
+            'service_cost': st.fixed_dictionaries(
+                {}, optional={'recharge': costs, 'repair': costs}
+            ),
+            'energy': energies,
+        },
+    )
     return document | draw(optional)

@@ -52,7 +52,8 @@ class Action:
 
 def global_actions(mission: Mission) -> tuple[Action, ...]:
     """Return all 2k+4 actions of a mission (the paper's table 3); number n stands at n - 1."""
-    grid, actions = mission.grid, []
+    grid = mission.grid
+    actions: list[tuple[ActionKind, int | None, bool, int]] = []
     for agile in (False, True):
         actions.append((ActionKind.NONE, None, agile, grid.base))
         for j, goal in enumerate(mission.goals):

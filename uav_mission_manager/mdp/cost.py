@@ -57,17 +57,28 @@ def threat_costs(mission: Mission) -> FloatArray:
     return np.array(mission.threat.cost)
 
 
+class StageCost:
+    """J(s, a) of a mission, its tables made once for many calls."""
+
+    def __init__(self, mission: Mission) -> None:
+        self._space = StateSpace(mission.k, mission.grid.q)
+        self._goals, self._savings = goal_costs(mission), commitment_savings(mission)
+        self._travel = travel_costs(mission)
+        self._faults, self._threat = fault_costs(mission), threat_costs(mission)
+
+    def __call__(self, states: ArrayLike, actions: ArrayLike) -> FloatArray:
+        """J(s, a) of states (N, 2k+5) and action numbers (N,), shape (N,). Raises `StateError`."""
+        s = self._space.split(self._space.check(states))
+        total = self._goals[np.arange(self._space.k), s.g, s.r].sum(axis=1)
+        row, goal = np.arange(len(s.c)), np.maximum(s.c - 1, 0)
+        saved = self._savings[goal, s.g[row, goal], s.r[row, goal]]
+        total += self._faults[s.f - 1] + self._threat[s.t, s.m] - (s.c > 0) * saved
+        return np.asarray(total + self._travel[np.asarray(actions) - 1, s.l])
+
+
 def stage_costs(mission: Mission, states: ArrayLike, actions: ArrayLike) -> FloatArray:
     """J(s, a) of states (N, 2k+5) and action numbers (N,), shape (N,). Raises `StateError`."""
-    space = StateSpace(mission.k, mission.grid.q)
-    s = space.split(space.check(states))
-    total = goal_costs(mission)[np.arange(mission.k), s.g, s.r].sum(axis=1)
-    committed, j = s.c > 0, np.maximum(s.c - 1, 0)
-    row = np.arange(len(j))
-    total -= committed * commitment_savings(mission)[j, s.g[row, j], s.r[row, j]]
-    total += travel_costs(mission)[np.asarray(actions) - 1, s.l]
-    total += fault_costs(mission)[s.f - 1] + threat_costs(mission)[s.t, s.m]
-    return np.asarray(total)
+    return StageCost(mission)(states, actions)
 
 
 def largest_stage_cost(mission: Mission) -> float:

@@ -86,7 +86,9 @@ class _StrictLoader(yaml.SafeLoader):
 def _feasibility(source: str) -> Callable[[Any], str]:
     def check(value: Any) -> str:
         if value == 'seed':
-            text = f"{source}: feasibility: 'seed' is the old word for 'paper'; please write 'paper'"
+            text = (
+                f"{source}: feasibility: 'seed' is the old word for 'paper'; please write 'paper'"
+            )
             warnings.warn(text, FutureWarning, stacklevel=2)
             return 'paper'
         return fields.one_of('strict', 'paper')(value)
