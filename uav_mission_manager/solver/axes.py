@@ -13,9 +13,9 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.floating[Any]]
+from uav_mission_manager.mdp.arrays import IndexArray, RealArray
+
 Step = tuple[Callable[..., Any], tuple[Any, ...]]
 
 
@@ -25,9 +25,7 @@ def run(steps: Iterable[Step]) -> None:
         function(*arguments)
 
 
-def mix(
-    source: FloatArray, matrices: FloatArray, out: FloatArray, scratch: FloatArray
-) -> list[Step]:
+def mix(source: RealArray, matrices: RealArray, out: RealArray, scratch: RealArray) -> list[Step]:
     """Expectation out[b, i] = sum_j P[b, i, j] source[b, j].
 
     `source`, `out` and `scratch` have shape (before, n, ...), `matrices` (before, n, n), or
@@ -42,7 +40,7 @@ def mix(
 
 
 def drift(
-    values: FloatArray, towards: FloatArray, probability: FloatArray, scratch: FloatArray
+    values: RealArray, towards: RealArray, probability: RealArray, scratch: RealArray
 ) -> list[Step]:
     """Expectation over a change that cannot be undone: values += p (towards - values)."""
     return [
@@ -52,7 +50,7 @@ def drift(
     ]
 
 
-def gather(source: FloatArray, rows: NDArray[np.intp], out: FloatArray) -> Step:
+def gather(source: RealArray, rows: IndexArray, out: RealArray) -> Step:
     """Step out[i] = source[rows[i]]; `source` in one piece."""
     # mode='raise' would go through a buffer.
     return source.take, (rows, 0, out, 'clip')

@@ -11,7 +11,7 @@ with x_j = 2 g_j + r_j the goal's part of the state. W solves
         + min_a { h(a, l) - saving(a, l, f, x) + discount E[W(l', t', f', x') + p(t', m')] },
 
 where the saving is what the commitment c' of an action takes off the next stage cost. An action
-leads from a cell to one *arrival*: a cell l' and a regime (see `uav_mission_manager.mdp.dynamics`).
+leads from a cell to one *arrival*: a cell l' and a regime of `uav_mission_manager.mdp.dynamics`.
 Given the arrival, t, f and every x_j move independently, each by a small matrix of its own. Where
 an action may complete its goal j, E is mixed, by completion(f), with the same expectation at
 g_j' = 0.
@@ -26,7 +26,7 @@ from __future__ import annotations
 import numpy as np
 
 from uav_mission_manager.mdp import dynamics
-from uav_mission_manager.mdp.arrays import FloatArray, IntArray
+from uav_mission_manager.mdp.arrays import FloatArray, IndexArray, IntArray
 from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.mdp.states import StateSpace, StateView
 from uav_mission_manager.solver.submdp import SubMdp
@@ -102,37 +102,38 @@ class ReducedMission:
         self._allowed_x = sub.feasibility.by_goal.ravel()
 
     def action_costs(
-        self, cell: int, x: IntArray, faults: slice | IntArray = slice(None)
+        self, cells: int | IndexArray, x: IntArray, faults: slice | IntArray = slice(None)
     ) -> FloatArray:
         """What an action adds to Q before what follows: h less the saving of its commitment.
 
         Parameters
         ----------
-        cell : int
+        cells : int or int array (C,)
         x : int array (N, n)
         faults : slice or int array (F,)
             Fault modes, from 0; all eight by default.
 
         Returns
         -------
-        float array (A, F, N)
+        float array (A, C, F, N), or (A, F, N) of a single cell
             inf where an action is not allowed.
         """
+        if np.ndim(cells) == 0:
+            return self.action_costs(np.array([cells]), x, faults)[:, 0]
         rule, completion = self.sub.feasibility, self.completion[faults]
-        costs = np.empty((len(self.slots), len(completion), len(x)))
-        costs[:] = self.travel[:, cell, None, None]
-        commits = np.flatnonzero(self.slots >= 0)
-        slots = self.slots[commits]
-        own = x.T[slots]
-        kept = 1 - self.completes[commits, cell][:, None] * completion
-        saved = self.saving[self.agile[commits, None], slots[:, None], own]
-        costs[commits] -= kept[:, :, None] * saved[:, None]
-        np.putmask(costs, ~np.broadcast_to(rule.by_fault[:, faults, None], costs.shape), np.inf)
-        forbidden = costs[commits]
-        forbidden[np.broadcast_to(~self._allowed_x[own][:, None], forbidden.shape)] = np.inf
-        costs[commits] = forbidden
+        costs = np.empty((len(self.slots), np.size(cells), len(completion), len(x)))
+        costs[:] = self.travel[:, cells, None, None]
+        for action in np.flatnonzero(self.slots >= 0).tolist():
+            slot = self.slots[action]
+            kept = 1 - self.completes[action, cells][:, None] * completion
+            own = x[:, slot]
+            costs[action] -= kept[..., None] * self.saving[self.agile[action], slot, own]
+            costs[action][..., ~self._allowed_x[own]] = np.inf
+        by_action, by_fault = np.nonzero(~rule.by_fault[:, faults])
+        costs[by_action, :, by_fault] = np.inf
         charged = X_RANGE[x].all(axis=1)
-        costs[np.ix_(rule.needs_lost_range, np.ones(len(completion), bool), charged)] = np.inf
+        for action in np.flatnonzero(rule.needs_lost_range).tolist():
+            costs[action][..., charged] = np.inf
         return costs
 
     def split(self, states: IntArray) -> StateView:

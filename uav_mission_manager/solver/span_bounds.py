@@ -38,7 +38,7 @@ class SpanBounds:
 
     @property
     def gain(self) -> float:
-        """discount / (1 - discount)."""
+        """The factor discount / (1 - discount)."""
         return self.discount / (1 - self.discount)
 
     @property

@@ -15,7 +15,7 @@ import numpy as np
 
 from uav_mission_manager.mdp import cost
 from uav_mission_manager.mdp.actions import Action, global_actions, local_actions
-from uav_mission_manager.mdp.arrays import BoolArray, FloatArray, IntArray
+from uav_mission_manager.mdp.arrays import FloatArray, IntArray
 from uav_mission_manager.mdp.feasibility import Feasibility, feasibility
 from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.mdp.states import StateSpace
@@ -108,7 +108,7 @@ class SubMdp:
         )
 
     def flags_and_priorities(self, states: IntArray) -> tuple[IntArray, IntArray]:
-        """r and g of the goals tracked in global states (N, 2k+5), each (N, n)."""
+        """Return r and g of the goals tracked in global states (N, 2k+5), each (N, n)."""
         s = StateSpace(self.mission.k, self.mission.grid.q).split(states)
         chosen = list(self.goals)
         return s.r[:, chosen], s.g[:, chosen]

@@ -1,9 +1,9 @@
 """The exact cost V^pi of a policy, in every state.
 
-A policy that looks at c and m only through the place (see `uav_mission_manager.solver.reduced`)
-has a cost of the form of V, with W^pi = T_pi W^pi in place of W = T W: the backup takes the
-policy's action where value iteration takes the best. T_pi is monotone and shifts with constants
-as T does, so that the bounds of `uav_mission_manager.solver.exact.value_iteration` hold alike.
+A policy that does not look at c and m has a cost of the form of V (see
+`uav_mission_manager.solver.reduced`), with W^pi = T_pi W^pi in place of W = T W: the backup takes
+the policy's action where value iteration takes the best. The bounds of
+`uav_mission_manager.solver.span_bounds` hold for T_pi as they do for T.
 """
 
 from __future__ import annotations
@@ -14,15 +14,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uav_mission_manager.solver.axes import FloatArray
-from uav_mission_manager.solver.exact.sweep import Sweeper
-from uav_mission_manager.solver.exact.value_iteration import MIXED, processors
-from uav_mission_manager.solver.memory import check_memory
-from uav_mission_manager.solver.reduced import BellmanOperator
+from uav_mission_manager.mdp.arrays import FloatArray, IntArray, RealArray
+from uav_mission_manager.solver.exact.axis_model import AxisModel
+from uav_mission_manager.solver.exact.memory import check_memory
+from uav_mission_manager.solver.exact.sweep import ActionTable, Sweeper
+from uav_mission_manager.solver.exact.value_iteration import MIXED_ENTRIES, sweep
+from uav_mission_manager.solver.span_bounds import SpanBounds
 from uav_mission_manager.solver.submdp import SubMdp
+from uav_mission_manager.solver.threads import processors
 
-CHUNK = 1 << 16
-"""States for which a policy is asked at a time."""
+STATES_AT_A_TIME = 1 << 16
+"""States for which a policy is asked at once."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +33,8 @@ class Evaluation:
 
     Attributes
     ----------
-    operator : BellmanOperator
-    value : float array (q + n, 3 * 3^n, 8 * 2^n)
+    model : AxisModel
+    value : float array (q, 3 * 3^n, 8 * 2^n)
         W^pi.
     lower, upper : float
         Guaranteed offsets: V + lower <= V^pi <= V + upper in every state, rounding included.
@@ -40,48 +42,42 @@ class Evaluation:
         Sweeps.
     """
 
-    operator: BellmanOperator
-    value: FloatArray
+    model: AxisModel
+    value: RealArray
     lower: float
     upper: float
     iterations: int
 
-    def state_values(self, states: NDArray[np.int64]) -> NDArray[np.float64]:
+    def state_values(self, states: IntArray) -> FloatArray:
         """V^pi(s) of global states (N, 2k+5), shape (N,)."""
-        return self.operator.state_values(self.value, states)
+        return self.model.state_values(self.value, states)
 
 
-def representatives(sub: SubMdp, entries: ArrayLike | None = None) -> NDArray[np.int64]:
+def representatives(sub: SubMdp, entries: ArrayLike | None = None) -> IntArray:
     """A global state for each entry of W, by its flat index; of all entries by default.
 
-    Shape (N, 2k+5). Off the sites c = 0; m = 0; goals not tracked are achieved and out of range.
+    Shape (N, 2k+5). c = 0 and m = 0; goals not tracked are achieved and out of range.
     """
     n, k, q = sub.n, sub.mission.k, sub.mission.grid.q
     chosen = np.arange(sub.entries) if entries is None else np.asarray(entries)
-    digits = np.unravel_index(chosen, (q + n, 3, *(3,) * n, 8, *(2,) * n))
-    place, t, g, f, r = digits[0], digits[1], digits[2 : 2 + n], digits[2 + n], digits[3 + n :]
+    digits = np.unravel_index(chosen, (q, 3, *(3,) * n, 8, *(2,) * n))
+    cell, t, g, f, r = digits[0], digits[1], digits[2 : 2 + n], digits[2 + n], digits[3 + n :]
     states = np.zeros((len(chosen), 2 * k + 5), np.int64)
     for j, flags, levels in zip(sub.goals, r, g):
         states[:, 1 + j], states[:, 1 + k + j] = flags, levels
-    sites = np.array([sub.mission.goals[j].cell for j in sub.goals], np.int64)
-    states[:, 0] = f + 1
-    states[:, -4] = np.concatenate([np.arange(q), sites])[place]
-    states[:, -3] = np.concatenate([np.zeros(q, np.int64), np.array(sub.goals) + 1])[place]
-    states[:, -2] = t
+    states[:, 0], states[:, -4], states[:, -2] = f + 1, cell, t
     return states
 
 
-def tabulate(
-    sub: SubMdp, act: Callable[[NDArray[np.int64]], NDArray[np.int64]]
-) -> NDArray[np.uint8]:
+def tabulate(sub: SubMdp, act: Callable[[IntArray], IntArray]) -> ActionTable:
     """Action numbers of a policy for every entry of W, shape as W.
 
-    Of a policy that looks at c or m off the sites, as `best_value` does at c, this is the one
-    that acts there as if uncommitted and in normal mode.
+    Of a policy that looks at c or m, as `best_value` does at c, this is the one that acts as if
+    uncommitted and in normal mode.
     """
     numbers = np.empty(sub.entries, np.uint8)
-    for first in range(0, sub.entries, CHUNK):
-        chunk = np.arange(first, min(first + CHUNK, sub.entries))
+    for first in range(0, sub.entries, STATES_AT_A_TIME):
+        chunk = np.arange(first, min(first + STATES_AT_A_TIME, sub.entries))
         numbers[chunk] = act(representatives(sub, chunk))
     return numbers.reshape(-1, 3 * 3**sub.n, 8 * 2**sub.n)
 
@@ -97,7 +93,7 @@ def evaluate(
     Parameters
     ----------
     sub : SubMdp
-    actions : int array (q + n, 3 * 3^n, 8 * 2^n)
+    actions : int array (q, 3 * 3^n, 8 * 2^n)
         Its global action numbers, such as `tabulate` finds.
     tolerance : float
         Largest distance of V from V^pi, in cost, but for rounding.
@@ -116,37 +112,34 @@ def evaluate(
         raise ValueError(f'tolerance {tolerance} and threads {threads} must be above 0')
     check_memory(sub, np.float64, threads)
     numbers = _checked(sub, actions)
-    gain = sub.mission.discount / (1 - sub.mission.discount)
-    values: FloatArray = np.zeros(numbers.shape)
+    values: RealArray = np.zeros(numbers.shape)
     iterations = 0
-    for dtype in (np.float32, np.float64)[sub.entries < MIXED :]:
-        operator = BellmanOperator(sub, dtype)
-        sweeper = Sweeper(operator, values.astype(dtype), threads, numbers)
-        spread, stalled = np.inf, False
-        while gain * spread / 2 > tolerance and not stalled:
-            low, high = sweeper.backup()
-            iterations += 1
-            if not np.isfinite(high):
-                raise ValueError(_not_allowed(sub, numbers, sweeper.values))
-            previous, spread = spread, high - low
-            # In exact arithmetic the spread shrinks at least by the discount.
-            stalled = spread > (1 + sub.mission.discount) / 2 * previous
-            stalled |= dtype is np.float32 and spread / 2 <= operator.rounding(sweeper.values)
+
+    def stop(bounds: SpanBounds, reached: RealArray) -> bool:
+        nonlocal iterations
+        iterations += 1
+        if not np.isfinite(bounds.high):
+            raise ValueError(_not_allowed(sub, numbers, reached))
+        return bounds.distance <= tolerance
+
+    for dtype in (np.float32, np.float64)[sub.entries < MIXED_ENTRIES :]:
+        model = AxisModel(sub, dtype)
+        sweeper = Sweeper(model, values.astype(dtype), threads, numbers)
+        bounds = sweep(sweeper, stop, last=dtype is np.float64)
         values = sweeper.values
-    values += gain * (high + low) / 2
-    rounding = operator.rounding(values) / (1 - sub.mission.discount)
-    bound = gain * spread / 2 + rounding
-    return Evaluation(operator, values, -bound, bound, iterations)
+    values += bounds.middle
+    distance = bounds.distance + bounds.accumulated(model.rounding(values))
+    return Evaluation(model, values, -distance, distance, iterations)
 
 
-def _checked(sub: SubMdp, actions: NDArray[np.integer]) -> NDArray[np.uint8]:
-    shape = sub.mission.grid.q + sub.n, 3 * 3**sub.n, 8 * 2**sub.n
+def _checked(sub: SubMdp, actions: NDArray[np.integer]) -> ActionTable:
+    shape = sub.mission.grid.q, 3 * 3**sub.n, 8 * 2**sub.n
     if np.shape(actions) != shape:
         raise ValueError(f'actions have shape {np.shape(actions)}, not {shape}')
     return np.clip(actions, 0, 255).astype(np.uint8)  # Not 257 for 1.
 
 
-def _not_allowed(sub: SubMdp, numbers: NDArray[np.uint8], values: FloatArray) -> str:
+def _not_allowed(sub: SubMdp, numbers: ActionTable, values: RealArray) -> str:
     entry = np.flatnonzero(~np.isfinite(values))[:1]
     state = representatives(sub, entry)[0].tolist()
     return f'action {numbers.flat[entry[0]]} is not allowed in state {state}'

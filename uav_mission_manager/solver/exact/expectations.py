@@ -1,144 +1,145 @@
-"""E[W(x') + p(t', m')] on every arrival, in blocks that fit the caches.
+"""E[W(s') + p(t', m')] on every arrival, in blocks that fit the caches.
 
-The first half takes the expectation over t' and g', which no action touches, axis by axis in
-blocks of columns (f, r). The second takes that over f' and r' in both modes in blocks of rows
-(t, g) of all places, along the outer axis of the transposed block.
+First the expectation over t' and g', which no action touches, is taken axis by axis in blocks of
+cells and columns (f, r). Then that over f' and r' in both modes, and over whether a goal is
+completed, in blocks of rows (t, g) of all cells, along the outer axis of the transposed block.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_left
-from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from uav_mission_manager.solver.axes import FloatArray, Step, drift, gather, mix
-from uav_mission_manager.solver.reduced import GROUND, BellmanOperator, hull
+from uav_mission_manager.mdp.arrays import RealArray
+from uav_mission_manager.mdp.dynamics import ON_GROUND
+from uav_mission_manager.solver.axes import Step, drift, mix
+from uav_mission_manager.solver.exact.axis_model import AxisModel, hull
 
 
 @dataclass(frozen=True)
-class Expected:
-    """Discounted E over t' and g' of W on arrival, given the present t and g.
+class ExogenousTables:
+    """Discounted E over t' and g' of W on arrival in each cell, given the present t and g.
 
     Attributes
     ----------
-    tables : list of float array
-        First that of all places, (places, 3 * 3^n, 8 * 2^n); then for each goal j that of the
-        landings from its site where it is completed, g_j' = 0, over the present t and the other
-        goals' g: (landings of j, 3^n, 8 * 2^n).
+    open : float array (q, 3 * 3^n, 8 * 2^n)
+        Where no goal is completed.
+    completed : list of float array (3^n, 8 * 2^n)
+        For each goal tracked that on its cell where it is completed, g_j' = 0, over the present t
+        and the other goals' g.
     """
 
-    tables: list[FloatArray]
+    open: RealArray
+    completed: list[RealArray]
 
     @classmethod
-    def empty(cls, operator: BellmanOperator) -> Expected:
+    def empty(cls, model: AxisModel) -> ExogenousTables:
         """Tables yet to be filled."""
-        third = operator.rows // 3, operator.columns
-        shapes = [operator.shape, *((len(cells), *third) for cells in operator.landings)]
-        return cls([np.empty(shape, operator.dtype) for shape in shapes])
+        third = model.rows // 3, model.columns
+        completed = [np.empty(third, model.dtype) for _ in model.goal_cells]
+        return cls(np.empty(model.shape, model.dtype), completed)
 
 
-class FirstHalf:
-    """Scratch of one thread for the expectation over t' and g'."""
+class ExogenousExpectation:
+    """E over t' and g' in blocks of cells and columns; holds the scratch of one thread."""
 
-    def __init__(self, operator: BellmanOperator, places: int, columns: int) -> None:
-        self.operator, self.places, self.columns = operator, places, columns
-        self.scratch = np.empty((3, places * operator.rows * columns), operator.dtype)
+    def __init__(self, model: AxisModel, cells: int, columns: int) -> None:
+        self.model, self.cells, self.columns = model, cells, columns
+        self.scratch = np.empty((3, cells * model.rows * columns), model.dtype)
 
-    def steps(self, values: FloatArray, expected: Expected, place: int, column: int) -> list[Step]:
-        """Steps that fill `expected` for some places and columns, from the given ones on."""
-        operator, n = self.operator, self.operator.sub.n
-        places, columns = slice(place, place + self.places), slice(column, column + self.columns)
-        source = values[places, :, columns].reshape(self.places, 3, -1, self.columns)
-        x, y, scratch = self.scratch.reshape(3, *source.shape)
-        steps = mix(source, operator.threat[places], x, scratch)
-        completed: dict[int, FloatArray] = {}
-        for slot, matrix in enumerate(operator.priorities):
+    def steps(
+        self, values: RealArray, expected: ExogenousTables, cell: int, column: int
+    ) -> list[Step]:
+        """Steps that fill `expected` for some cells and columns, from the given ones on."""
+        model, n, count = self.model, self.model.sub.n, min(self.cells, self.model.q - cell)
+        cells, columns = slice(cell, cell + count), slice(column, column + self.columns)
+        source = values[cells, :, columns].reshape(count, 3, -1, self.columns)
+        x, y, scratch = (part[: source.size].reshape(source.shape) for part in self.scratch)
+        steps = mix(source, model.threat[cells], x, scratch)
+        completed: dict[int, RealArray] = {}
+        for slot, matrix in enumerate(model.priorities):
             axes = -1, 3, 3 ** (n - 1 - slot) * self.columns
             x, y, scratch = x.reshape(axes), y.reshape(axes), scratch.reshape(axes)
             for other, table in completed.items():
                 table = table.reshape(axes)
                 completed[other] = np.empty_like(table)
                 steps += mix(table, matrix, completed[other], np.empty_like(table))
-            here = range(place, place + self.places)
-            landings = [cell - place for cell in operator.landings[slot] if cell in here]
-            if landings:
-                achieved = x.reshape(self.places, -1, *axes[1:])[:, :, 0]
-                completed[slot] = np.empty((len(landings), *achieved.shape[1:]), operator.dtype)
-                steps += [
-                    (np.copyto, (into, achieved[landing]))
-                    for into, landing in zip(completed[slot], landings)
-                ]
+            offset = model.goal_cells[slot] - cell
+            if 0 <= offset < count:
+                achieved = x.reshape(count, -1, *axes[1:])[offset, :, 0]
+                completed[slot] = np.empty(achieved.shape, model.dtype)
+                steps.append((np.copyto, (completed[slot], achieved)))
             steps += mix(x, matrix, y, scratch)
             x, y = y, x
-        into = expected.tables[0][places, :, columns]
+        into = expected.open[cells, :, columns]
         steps.append((np.copyto, (into, x.reshape(into.shape))))
         for slot, table in completed.items():
-            start = bisect_left(operator.landings[slot], place)
-            table = table.reshape(-1, operator.rows // 3, self.columns)
-            into = expected.tables[slot + 1][start : start + len(table), :, columns]
-            steps.append((np.copyto, (into, table)))
+            into = expected.completed[slot][:, columns]
+            steps.append((np.copyto, (into, table.reshape(into.shape))))
         return steps
 
 
-class Arrivals:
-    """Scratch of one thread for the rest, some rows (t, g) at a time.
+class ArrivalExpectation:
+    """Takes the rest of the expectation, some rows (t, g) at a time; scratch of one thread.
 
     Attributes
     ----------
     rows : int
         A power of 3, or all.
+    after : list of int
+        Rows from one priority of each goal tracked to the next.
     table : float array (arrivals, rows, columns)
-        Discounted E[W(x') + p(t', m')], in the order of `Choice.arrivals`.
+        Discounted E[W(s') + p(t', m')], in the order of `AxisModel`'s arrivals.
     """
 
-    def __init__(self, operator: BellmanOperator, rows: int) -> None:
-        n, columns, dtype = operator.sub.n, operator.columns, operator.dtype
-        self.operator, self.rows = operator, rows
+    def __init__(self, model: AxisModel, rows: int) -> None:
+        n, q, columns, dtype = model.sub.n, model.q, model.columns, model.dtype
+        self.model, self.rows = model, rows
         self.after = [3 ** (n - 1 - slot) for slot in range(n)]
-        self.heights = [rows // 3 if 3 * after <= rows else rows for after in self.after]
-        cells = [range(operator.places), *operator.landings]
-        parts = list(zip(map(len, cells), [rows, *self.heights]))
-        ends = np.cumsum([0] + [count * height for count, height in parts])
+        heights = [rows // 3 if self.varies(slot) else rows for slot in range(n)]
+        ends = np.cumsum([q * rows, *heights]).tolist()
         self.flight = np.empty((2, columns, ends[-1]), dtype)
-        self.parts = [
-            self.flight[:, :, start:end].reshape(2, columns, *part)
-            for start, end, part in zip(ends, ends[1:], parts)
-        ]
-        self.prices = [
-            np.repeat(operator.price[:, list(chosen)], height // 3, axis=2)[..., None]
-            for chosen, height in zip(cells, [operator.rows] + n * [operator.rows // 3])
-        ]
-        ways = 2 * operator.places + len(GROUND)
-        self.table = np.empty((ways + sum(map(len, operator.sites)), rows, columns), dtype)
-        self.ways = [self.table[:ways]] + [
-            np.empty((2 * count + len(GROUND), height, columns), dtype)
-            for count, height in parts[1:]
-        ]
-        self.fixed_steps = self._flight()
-        self.site_steps = [step for slot in range(n) for step in self._site(slot)]
+        self.open = self.flight[:, :, : q * rows].reshape(2, columns, q, rows)
+        self.completed = [self.flight[:, :, i:j] for i, j in pairwise(ends)]
+        self.price = np.repeat(model.price, model.rows // 3, axis=2)[..., None]
+        self.table = np.empty((model.arrivals, rows, columns), dtype)
+        self.flight_steps = self._flight()
+        self.completion_steps = [self._completion(slot) for slot in range(n)]
 
-    def steps(self, expected: Expected, first: int) -> list[Step]:
+    def varies(self, slot: int) -> bool:
+        """Whether a goal's priority varies within a block of rows."""
+        return 3 * self.after[slot] <= self.rows
+
+    def steps(self, expected: ExogenousTables, first: int) -> list[Step]:
         """Steps that fill `table` for the rows from `first` on."""
-        starts = [first, *(self._row_without(slot, first) for slot in range(len(self.after)))]
-        spans = [slice(start, start + ways.shape[1]) for start, ways in zip(starts, self.ways)]
-        sources = [table[:, span] for table, span in zip(expected.tables, spans)]
-        steps: list[Step] = [
-            (np.copyto, (part[0], source.transpose(2, 0, 1)))
-            for part, source in zip(self.parts, sources)
-        ]
-        steps += self.fixed_steps
-        for ways, part, source, price, span in zip(
-            self.ways, self.parts, sources, self.prices, spans
-        ):
-            flying = ways[: -len(GROUND)].reshape(2, *source.shape)
-            steps.append((np.add, (part.transpose(0, 2, 3, 1), price[:, :, span], flying)))
-        for goal, (ways, source, price, span) in enumerate(
-            zip(self.ways, sources, self.prices, spans)
-        ):
-            steps += self._ground(ways[-len(GROUND) :], source, price[0, :, span], goal)
-        return steps + self.site_steps
+        q, span = self.model.q, slice(first, first + self.rows)
+        source, price = expected.open[:, span], self.price[:, :, span]
+        steps: list[Step] = [(np.copyto, (self.open[0], source.transpose(2, 0, 1)))]
+        for slot, part in enumerate(self.completed):
+            start = self._row_without(slot, first)
+            done = expected.completed[slot][start : start + part.shape[2]]
+            steps.append((np.copyto, (part[0], done.T)))
+        steps += self.flight_steps
+        flown = self.table[: 2 * q].reshape(2, *source.shape)
+        steps.append((np.add, (self.open.transpose(0, 2, 3, 1), price, flown)))
+        steps += self._ground(source, price[0])
+        for slot, completion in enumerate(self.completion_steps):
+            into, done = self._completing(slot), self.completed[slot].transpose(0, 2, 1)
+            cell = self.model.goal_cells[slot]
+            steps.append((np.copyto, (into, flown[:, cell])))
+            # The completed part lacks the axis of g_j, on which the price does not depend.
+            steps.append((np.add, (done, self._price_without(slot, first), done)))
+            steps += completion
+        return steps
+
+    def _price_without(self, slot: int, first: int) -> RealArray:
+        """Price in a goal's cell over the rows of its completed part."""
+        model, height = self.model, self.completed[slot].shape[2]
+        start = self._row_without(slot, first)
+        price = np.repeat(model.price[:, model.goal_cells[slot]], model.rows // 9, axis=1)
+        return price[:, start : start + height, None]
 
     def _row_without(self, slot: int, row: int) -> int:
         """Row of a table that lacks the axis of a goal's priority."""
@@ -147,9 +148,9 @@ class Arrivals:
 
     def _flight(self) -> list[Step]:
         """Expectation over each bit of f' (camera, actuator, sensor) and each r_j' in flight."""
-        operator = self.operator
-        room = np.empty(self.flight.size // 2, operator.dtype)
-        digits = [(p, 0) for p in operator.failures] + [(operator.loss, 1)] * operator.sub.n
+        model = self.model
+        room = np.empty(self.flight.size // 2, model.dtype)
+        digits = [(p, 0) for p in model.failures] + [(model.loss, 1)] * model.sub.n
         alike: list[Step] = []
         different: list[Step] = []
         for digit, (probability, leaves) in enumerate(digits):
@@ -162,45 +163,32 @@ class Arrivals:
             (alike if same else different).extend(drift(values, towards, weights, scratch))
         return [*alike, (np.copyto, (self.flight[1], self.flight[0])), *different]
 
-    def _ground(
-        self, into: FloatArray, source: FloatArray, price: FloatArray, goal: int
-    ) -> list[Step]:
-        """Arrivals in the order of `GROUND`, from any cell (goal 0) or from a goal's site."""
-        operator, grid = self.operator, self.operator.sub.mission.grid
-        cells: Sequence[int] = range(operator.q)
-        if goal > 0:
-            cells = operator.landings[goal - 1]
-        steps: list[Step] = []
-        if goal == 0 or grid.base == operator.cells[operator.q + goal - 1]:
-            base = cells.index(grid.base)
-            steps.append((np.add, (source[base], price[base], into[0])))
-        if goal == 0 or grid.service == operator.cells[operator.q + goal - 1]:
-            service = cells.index(grid.service)
-            faults = source[service].reshape(source.shape[1], 8, -1)
-            recharged, repaired = into[1:].reshape(2, *faults.shape)
-            steps.append((np.copyto, (recharged, faults[:, :, -1:])))
-            steps.append((np.copyto, (repaired, faults)))
-            steps += drift(repaired, faults[:, :1], operator.repair, np.empty_like(faults))
-            steps.append((np.add, (into[1:], price[service], into[1:])))
-        return steps
-
-    def _site(self, slot: int) -> list[Step]:
-        """Arrivals from a site: mixed with those on completion where that can happen."""
-        operator, height, site = self.operator, self.heights[slot], self.operator.sites[slot]
-        columns = operator.columns
-        first = len(self.ways[0]) + sum(map(len, operator.sites[:slot]))
-        open_, completed = np.array(site).T.copy()
-        into = self.table[first : first + len(site)]
-        done = np.empty((len(site), height, columns), operator.dtype)
-        levels, after = (3, self.after[slot]) if height < self.rows else (1, height)
-        able = hull(operator.completion > 0)
-        width = columns // 8
-        inside = slice(able.start * width, able.stop * width)
-        values = into.reshape(len(site), -1, levels, after, columns)[..., inside]
-        towards = done.reshape(len(site), -1, 1, after, columns)[..., inside]
-        probability = np.repeat(operator.completion[able], width)
+    def _ground(self, source: RealArray, price: RealArray) -> list[Step]:
+        """Arrivals on the ground, in the order of `ON_GROUND`."""
+        model, grid = self.model, self.model.sub.mission.grid
+        first = 2 * model.q
+        parked, *serviced = self.table[first : first + len(ON_GROUND)]
+        faults = source[grid.service].reshape(source.shape[1], 8, -1)
+        recharged, repaired = (table.reshape(faults.shape) for table in serviced)
         return [
-            gather(self.ways[0], open_, into),
-            gather(self.ways[slot + 1], completed, done),
-            *drift(values, towards, probability, np.empty_like(values)),
+            (np.add, (source[grid.base], price[grid.base], parked)),
+            (np.copyto, (recharged, faults[:, :, -1:])),
+            (np.copyto, (repaired, faults)),
+            *drift(repaired, faults[:, :1], model.repair, np.empty_like(faults)),
+            *((np.add, (table, price[grid.service], table)) for table in serviced),
         ]
+
+    def _completing(self, slot: int) -> RealArray:
+        first = 2 * self.model.q + len(ON_GROUND) + 2 * slot
+        return self.table[first : first + 2]
+
+    def _completion(self, slot: int) -> list[Step]:
+        """Mix with the completed part by completion(f), in the fault modes where it is not 0."""
+        model, part = self.model, self.completed[slot].transpose(0, 2, 1)
+        levels, after = (3, self.after[slot]) if self.varies(slot) else (1, part.shape[1])
+        able, width = hull(model.completion > 0), model.columns // 8
+        inside = slice(able.start * width, able.stop * width)
+        values = self._completing(slot).reshape(2, -1, levels, after, model.columns)[..., inside]
+        towards = part.reshape(2, -1, 1, after, model.columns)[..., inside]
+        probability = np.repeat(model.completion[able], width)
+        return drift(values, towards, probability, np.empty_like(values))

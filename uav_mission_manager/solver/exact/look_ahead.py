@@ -1,7 +1,7 @@
 """Q values of single states, from tables of E[W] on every arrival or by sums over successors.
 
 Tables answer at once and are kept where they are small. Otherwise a state's Q values are one
-backup of that state: the sum over its successors, a look at the few places it may arrive in.
+backup of that state: the sum over its successors, a look at the few cells it may arrive in.
 """
 
 from __future__ import annotations
@@ -10,15 +10,21 @@ from collections.abc import Sequence
 from functools import reduce
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from uav_mission_manager.solver.axes import FloatArray, run
-from uav_mission_manager.solver.exact.expectations import Arrivals, Expected, FirstHalf
-from uav_mission_manager.solver.reduced import GROUND, BellmanOperator
+from uav_mission_manager.mdp.arrays import FloatArray, IntArray, RealArray
+from uav_mission_manager.mdp.dynamics import ON_GROUND
+from uav_mission_manager.solver.axes import run
+from uav_mission_manager.solver.exact.axis_model import AxisModel
+from uav_mission_manager.solver.exact.expectations import (
+    ArrivalExpectation,
+    ExogenousExpectation,
+    ExogenousTables,
+)
 from uav_mission_manager.solver.submdp import SubMdp
 
-TABLES = 1 << 19
-"""Entries of W up to which tables are kept, some five times as large."""
+TABLED_ENTRIES = 1 << 19
+"""Entries of W up to which tables of E[W], some three times as large, are kept."""
 
 
 class LookAhead:
@@ -26,123 +32,116 @@ class LookAhead:
 
     Parameters
     ----------
-    operator : BellmanOperator
-    values : float array (places, rows, columns)
+    model : AxisModel
+    values : float array (q, rows, columns)
         W; may be memory-mapped.
     """
 
-    def __init__(self, operator: BellmanOperator, values: FloatArray) -> None:
-        self.operator, self.values = operator, values
-        choices = operator.choices
+    def __init__(self, model: AxisModel, values: RealArray) -> None:
+        self.model, self.values = model, values
+        choices = model.choices
         self.arrivals = np.stack([choice.arrivals for choice in choices])
         self.slots = np.array([0 if choice.slot is None else choice.slot for choice in choices])
         costs = [np.repeat(c.cost, 3 // c.cost.shape[1], axis=1) for c in choices]
         self.costs = np.stack(costs)
-        self.sites = [site for sites in operator.sites for site in sites]
-        self.table: FloatArray | None = None
-        if self.tabulates(operator.sub):
-            self.table = self._table()
+        self.table = self._table() if self.tabulates(model.sub) else None
 
     @staticmethod
     def tabulates(sub: SubMdp) -> bool:
         """Whether tables are kept for a sub-MDP."""
-        return sub.entries <= TABLES
+        return sub.entries <= TABLED_ENTRIES
 
-    def q_values(self, states: NDArray[np.int64]) -> NDArray[np.float64]:
+    def q_values(self, states: IntArray) -> FloatArray:
         """Q(s, a) of global states (N, 2k+5), shape (N, actions); inf where not allowed."""
-        operator = self.operator
-        place, row, column = operator.locate(states)
+        model = self.model
+        cell, row, column = model.locate(states)
         if self.table is None:
-            sums = [self._expected(*at) for at in zip(place, row, column)]
-            expected: FloatArray = np.stack(sums)
+            expected = np.stack([self._expected(*at) for at in zip(cell, row, column)])
         else:
-            arrivals = self.arrivals[:, place].T
-            expected = self.table[arrivals, row[:, None], column[:, None]]
+            expected = self.table[self.arrivals[:, cell].T, row[:, None], column[:, None]]
         levels = np.zeros((len(states), len(self.slots)), dtype=np.intp)
-        if operator.sub.n:
-            levels = operator.sub.columns(states)[1][:, self.slots]
+        if model.sub.n:
+            levels = model.sub.flags_and_priorities(states)[1][:, self.slots]
         actions = np.arange(len(self.slots))
-        costs = self.costs[actions, place[:, None], levels, column[:, None]]
-        return operator.stage_cost(states)[:, None] + (costs + expected)
+        costs = self.costs[actions, cell[:, None], levels, column[:, None]]
+        return model.reduced.state_costs(states)[:, None] + (costs + expected)
 
-    def _table(self) -> FloatArray:
-        operator = self.operator
-        expected, arrivals = Expected.empty(operator), Arrivals(operator, operator.rows)
-        first_half = FirstHalf(operator, operator.places, operator.columns)
-        run(first_half.steps(self.values, expected, 0, 0))
+    def _table(self) -> RealArray:
+        model = self.model
+        expected, arrivals = ExogenousTables.empty(model), ArrivalExpectation(model, model.rows)
+        exogenous = ExogenousExpectation(model, model.q, model.columns)
+        run(exogenous.steps(self.values, expected, 0, 0))
         run(arrivals.steps(expected, 0))
         return arrivals.table
 
-    def _expected(self, place: int, row: int, column: int) -> NDArray[np.float64]:
-        """Discounted E[W(x') + p(t', m')] of one state for each action, shape (actions,)."""
-        operator = self.operator
-        successors = _Successors(operator, self.values, place, row, column)
-        ways = 2 * operator.places + len(GROUND)
-        completion = float(operator.completion[successors.fault])
-
-        def expected(arrival: int) -> float:
-            if arrival < ways:
-                return successors.expected(arrival, range(operator.places), None)
-            open_, completed = self.sites[arrival - ways]
-            slot = place - operator.q
-            achieved = successors.expected(completed, operator.landings[slot], slot)
-            not_yet = successors.expected(open_, range(operator.places), None)
-            return not_yet + completion * (achieved - not_yet)
-
-        known = {arrival: expected(arrival) for arrival in set(self.arrivals[:, place].tolist())}
-        return np.array([known[arrival] for arrival in self.arrivals[:, place].tolist()])
+    def _expected(self, cell: int, row: int, column: int) -> FloatArray:
+        """Discounted E[W(s') + p(t', m')] of one state for each action, shape (actions,)."""
+        successors = _Successors(self.model, self.values, row, column)
+        arrivals = self.arrivals[:, cell].tolist()
+        known = {arrival: successors.expected(arrival) for arrival in set(arrivals)}
+        return np.array([known[arrival] for arrival in arrivals])
 
 
 class _Successors:
     """Sums over the successors of one state."""
 
-    def __init__(
-        self, operator: BellmanOperator, values: FloatArray, place: int, row: int, column: int
-    ) -> None:
-        n, self.width = operator.sub.n, operator.columns // 8
-        self.operator, self.values, self.cell = operator, values, operator.cells[place]
-        self.column, (self.fault, flags) = column, divmod(column, self.width)
-        self.threat, levels = divmod(row, operator.rows // 3)
+    def __init__(self, model: AxisModel, values: RealArray, row: int, column: int) -> None:
+        n, self.width = model.sub.n, model.columns // 8
+        self.model, self.values, self.column = model, values, column
+        self.fault, flags = divmod(column, self.width)
+        self.threat, levels = divmod(row, model.rows // 3)
         self.priorities = [
             matrix[0, levels // 3**digit % 3]
-            for matrix, digit in zip(operator.priorities, range(n)[::-1])
+            for matrix, digit in zip(model.priorities, range(n)[::-1])
         ]
         # Bits of f - 1 from the slowest: camera, actuator, sensor.
         bits = [self.fault >> bit & 1 for bit in (2, 1, 0)]
         lost = [1 - (flags >> digit & 1) for digit in range(n)[::-1]]
         self.flights = []
-        for mode, loss in enumerate(operator.loss):
-            risks = operator.failures[:, mode]
+        for mode, loss in enumerate(model.loss):
+            risks = model.failures[:, mode]
             axes = [[1 - p, p] if not bit else [0, 1] for bit, p in zip(bits, risks)]
             axes += [[1, 0] if gone else [loss, 1 - loss] for gone in lost]
             self.flights.append(_product(axes))
-        self.by_column: dict[tuple[int, int | None], FloatArray] = {}
+        self.by_column: dict[tuple[int, int | None], RealArray] = {}
 
-    def expected(self, arrival: int, places: Sequence[int], completed: int | None) -> float:
-        """E on an arrival, where no goal is completed or the one given."""
-        operator, way = self.operator, arrival // len(places)
-        place = places[arrival % len(places)] if way < 2 else self.cell
-        if (place, completed) not in self.by_column:
-            self.by_column[place, completed] = self._exogenous(place, completed)
-        table = self.by_column[place, completed]
-        price = float(operator.price[1 if way == 1 else 0, place, self.threat])
-        if way < 2:
-            return price + float(table @ self.flights[way])
-        kind = GROUND[arrival - 2 * len(places)]
-        if kind == 'recharge':
+    def expected(self, arrival: int) -> float:
+        """E on an arrival, numbered as in `AxisModel`."""
+        model, ground = self.model, 2 * self.model.q
+        if arrival < ground:
+            return self._flown(*divmod(arrival, model.q), None)
+        if arrival < ground + len(ON_GROUND):
+            return self._grounded(arrival - ground)
+        slot, mode = divmod(arrival - ground - len(ON_GROUND), 2)
+        cell, completion = model.goal_cells[slot], float(model.completion[self.fault])
+        open_ = self._flown(mode, cell, None)
+        return open_ + completion * (self._flown(mode, cell, slot) - open_)
+
+    def _flown(self, mode: int, cell: int, completed: int | None) -> float:
+        price = float(self.model.price[mode, cell, self.threat])
+        return price + float(self._exogenous(cell, completed) @ self.flights[mode])
+
+    def _grounded(self, position: int) -> float:
+        model, grid = self.model, self.model.sub.mission.grid
+        cell = grid.base if position == 0 else grid.service
+        price, table = float(model.price[0, cell, self.threat]), self._exogenous(cell, None)
+        if position == 1:
             return price + float(table[(self.fault + 1) * self.width - 1])
         here = float(table[self.column])
-        if kind == 'repair':
+        if position == 2:
             repaired = float(table[self.column % self.width])
-            here += float(operator.repair) * (repaired - here)
+            here += float(model.repair) * (repaired - here)
         return price + here
 
-    def _exogenous(self, place: int, completed: int | None) -> FloatArray:
-        """E over t' and g', shape (columns,)."""
-        axes = [self.operator.threat[place, self.threat], *self.priorities]
-        if completed is not None:
-            axes[completed + 1] = np.array([1.0, 0.0, 0.0])
-        return np.asarray(_product(axes).astype(self.values.dtype) @ self.values[place])
+    def _exogenous(self, cell: int, completed: int | None) -> RealArray:
+        """E over t' and g' in a cell, shape (columns,)."""
+        if (cell, completed) not in self.by_column:
+            axes = [self.model.threat[cell, self.threat], *self.priorities]
+            if completed is not None:
+                axes[completed + 1] = np.array([1.0, 0.0, 0.0])
+            weights = _product(axes).astype(self.values.dtype)
+            self.by_column[cell, completed] = np.asarray(weights @ self.values[cell])
+        return self.by_column[cell, completed]
 
 
 def _product(axes: Sequence[ArrayLike]) -> FloatArray:

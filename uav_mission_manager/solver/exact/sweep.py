@@ -9,26 +9,31 @@ follows a given policy takes its actions' entries in place of the minimum.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uav_mission_manager.solver.axes import FloatArray, Step, gather, run
-from uav_mission_manager.solver.exact.expectations import Arrivals, Expected, FirstHalf
-from uav_mission_manager.solver.recombination.rules import TIE
-from uav_mission_manager.solver.reduced import BellmanOperator, Choice
+from uav_mission_manager.mdp.arrays import RealArray
+from uav_mission_manager.solver.axes import Step, gather, run
+from uav_mission_manager.solver.exact.axis_model import AxisModel, Choice
+from uav_mission_manager.solver.exact.expectations import (
+    ArrivalExpectation,
+    ExogenousExpectation,
+    ExogenousTables,
+)
+from uav_mission_manager.solver.greedy import TIE
+from uav_mission_manager.solver.threads import share
 
-BLOCK = 1 << 17
-"""Entries of W that a thread works on at a time."""
+BLOCK_ENTRIES = 1 << 17
+"""Entries of W that a thread works on at a time: some ten tables of so many fit the caches."""
 
-THREADED = 1 << 20
-"""Entries of W from which threads pay."""
+THREADED_ENTRIES = 1 << 20
+"""Entries of W from which threads pay; measured."""
 
-T = TypeVar('T')
-R = TypeVar('R')
+ActionTable = NDArray[np.uint8]
+"""Action numbers over W."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,7 @@ class _Candidate:
     ----------
     number : int
     look_up : Step
-        Writes E of its arrivals from all places.
+        Writes E of its arrivals from all cells.
     box : callable
         View that holds all rows where it is allowed.
     q : float array
@@ -54,24 +59,22 @@ class _Candidate:
     number: int
     look_up: Step
     box: Callable[[NDArray[Any]], NDArray[Any]]
-    q: FloatArray
-    costs: Sequence[FloatArray | None]
+    q: RealArray
+    costs: Sequence[RealArray | None]
     after: int
 
 
-class SecondHalf:
-    """Scratch of one thread for the rest of the backup, some rows (t, g) at a time."""
+class RowBackup:
+    """Backs up some rows (t, g) of W at a time; holds the scratch of one thread."""
 
-    def __init__(
-        self, operator: BellmanOperator, rows: int, policy: NDArray[np.uint8] | None = None
-    ) -> None:
-        self.operator, self.rows, self.policy = operator, rows, policy
-        self.arrivals = Arrivals(operator, rows)
-        self.q = np.empty((operator.places, rows, operator.columns), operator.dtype)
+    def __init__(self, model: AxisModel, rows: int, policy: ActionTable | None = None) -> None:
+        self.model, self.rows, self.policy = model, rows, policy
+        self.expectation = ArrivalExpectation(model, rows)
+        self.q = np.empty((model.q, rows, model.columns), model.dtype)
         self.least = np.empty_like(self.q)
-        self.candidates = [self._candidate(choice) for choice in operator.choices]
+        self.candidates = [self._candidate(choice) for choice in model.choices]
 
-    def steps(self, values: FloatArray, expected: Expected, first: int) -> list[Step]:
+    def steps(self, values: RealArray, expected: ExogenousTables, first: int) -> list[Step]:
         """Steps that back up W in these rows and leave the change in `q`."""
         old = values[:, first : first + self.rows]
         return [
@@ -86,7 +89,7 @@ class SecondHalf:
         entries = self.q.reshape(-1)
         return float(np.minimum.reduce(entries)), float(np.maximum.reduce(entries))
 
-    def greedy(self, numbers: NDArray[np.uint8], expected: Expected, first: int) -> None:
+    def greedy(self, numbers: ActionTable, expected: ExogenousTables, first: int) -> None:
         """Write the numbers of the actions of least Q; of those that tie the lowest."""
         run(self._minimise(expected, first))
         tie = max(TIE, 8 * float(np.finfo(self.q.dtype).eps))
@@ -99,10 +102,10 @@ class SecondHalf:
         numbers[:, first : first + self.rows] = chosen
 
     def _minimise(
-        self, expected: Expected, first: int, policy: NDArray[np.uint8] | None = None
+        self, expected: ExogenousTables, first: int, policy: ActionTable | None = None
     ) -> list[Step]:
         """Steps to the least Q less b, or to that of the policy, inf where it is not allowed."""
-        steps = self.arrivals.steps(expected, first)
+        steps = self.expectation.steps(expected, first)
         steps.append((self.least.fill, (np.inf,)))
         for candidate, look_up in self._each(self.candidates, first):
             least = candidate.box(self.least)
@@ -124,32 +127,32 @@ class SecondHalf:
                 q = candidate.q
                 yield candidate, [candidate.look_up, (np.add, (q, cost, q))]
 
-    def _base_cost(self, first: int) -> FloatArray:
-        """Rows of b, to add to (places, rows, columns)."""
-        cost = self.operator.base_cost
+    def _base_cost(self, first: int) -> RealArray:
+        """Rows of b, to add to (cells, rows, columns)."""
+        cost = self.model.base_cost
         if self.rows > len(cost):
             return np.concatenate([cost] * 3)
         start = first % len(cost)
         return cost[start : start + self.rows]
 
     def _candidate(self, choice: Choice) -> _Candidate:
-        operator, slot = self.operator, choice.slot
-        after = 1 if slot is None else self.arrivals.after[slot]
-        varies = slot is not None and 3 * after <= self.rows
+        model, slot = self.model, choice.slot
+        after = 1 if slot is None else self.expectation.after[slot]
+        varies = slot is not None and self.expectation.varies(slot)
         digits = (-1, 3, after) if varies else (1, 1, self.rows)
-        axes = operator.places, *digits, operator.columns
+        axes = model.q, *digits, model.columns
         levels = choice.levels if varies else slice(None)
         cost = choice.cost[:, None, :, None, :]
-        look_up = gather(self.arrivals.table, choice.arrivals, self.q)
+        look_up = gather(self.expectation.table, choice.arrivals, self.q)
 
         def box(table: NDArray[Any]) -> NDArray[Any]:
             return table.reshape(axes)[:, :, levels]
 
-        if self.rows == operator.rows:  # Small: what is in one piece is faster than a part.
+        if self.rows == model.rows:  # Small: what is in one piece is faster than a part.
             split = self.q.reshape(axes)
             whole = np.broadcast_to(cost, split.shape).reshape(self.q.shape)
             return _Candidate(choice.action.number, look_up, np.asarray, self.q, [whole], after)
-        costs: list[FloatArray | None] = [cost[:, :, levels]]
+        costs: list[RealArray | None] = [cost[:, :, levels]]
         if slot is not None and not varies:
             within = range(3)[choice.levels]
             costs = [cost[:, :, [level]] if level in within else None for level in range(3)]
@@ -161,7 +164,7 @@ class Sweeper:
 
     Attributes
     ----------
-    values : float array (places, rows, columns)
+    values : float array (cells, rows, columns)
         W, overwritten by each backup.
     policy : uint8 array like values, optional
         Numbers of the actions to take; by default the best.
@@ -169,23 +172,23 @@ class Sweeper:
 
     def __init__(
         self,
-        operator: BellmanOperator,
-        values: FloatArray,
+        model: AxisModel,
+        values: RealArray,
         threads: int = 1,
-        policy: NDArray[np.uint8] | None = None,
+        policy: ActionTable | None = None,
     ) -> None:
-        self.operator, self.values = operator, values
-        self.threads = threads if values.size >= THREADED else 1
-        self.expected = Expected.empty(operator)
-        places, rows, columns = operator.shape
-        block_places, block_columns, block_rows = block_shape(operator)
-        self.first = [
-            FirstHalf(operator, block_places, block_columns) for _ in range(self.threads)
+        self.model, self.values = model, values
+        self.threads = threads if values.size >= THREADED_ENTRIES else 1
+        self.expected = ExogenousTables.empty(model)
+        cells, rows, columns = model.shape
+        block_cells, block_columns, block_rows = block_shape(model)
+        self.exogenous = [
+            ExogenousExpectation(model, block_cells, block_columns) for _ in range(self.threads)
         ]
-        self.second = [SecondHalf(operator, block_rows, policy) for _ in range(self.threads)]
+        self.row_backups = [RowBackup(model, block_rows, policy) for _ in range(self.threads)]
         self.blocks = [
-            (place, column)
-            for place in range(0, places, block_places)
+            (cell, column)
+            for cell in range(0, cells, block_cells)
             for column in range(0, columns, block_columns)
         ]
         self.row_blocks = range(0, rows, block_rows)
@@ -195,71 +198,55 @@ class Sweeper:
         """Replace W by its Bellman backup; return the least and the largest change."""
         if len(self.row_blocks) == 1:
             if self.whole is None:
-                self.whole = self.first[0].steps(self.values, self.expected, 0, 0)
-                self.whole += self.second[0].steps(self.values, self.expected, 0)
+                self.whole = self.exogenous[0].steps(self.values, self.expected, 0, 0)
+                self.whole += self.row_backups[0].steps(self.values, self.expected, 0)
             run(self.whole)
-            return self.second[0].change()
+            return self.row_backups[0].change()
         self.expect()
-        lows, highs = zip(*self._share(self._back_up, self.row_blocks))
+        lows, highs = zip(*share(self._back_up, self.row_blocks, self.threads))
         return min(lows), max(highs)
 
-    def greedy(self) -> NDArray[np.uint8]:
+    def greedy(self) -> ActionTable:
         """Numbers of the actions of least Q in W, shape as W."""
         self.expect()
         numbers = np.empty(self.values.shape, np.uint8)
 
         def choose(worker: int, first: int) -> None:
-            self.second[worker].greedy(numbers, self.expected, first)
+            self.row_backups[worker].greedy(numbers, self.expected, first)
 
-        self._share(choose, self.row_blocks)
+        share(choose, self.row_blocks, self.threads)
         return numbers
 
     def expect(self) -> None:
         """Take the expectation of W over t' and g', the first half of a backup."""
 
         def fill(worker: int, block: tuple[int, int]) -> None:
-            run(self.first[worker].steps(self.values, self.expected, *block))
+            run(self.exogenous[worker].steps(self.values, self.expected, *block))
 
-        self._share(fill, self.blocks)
+        share(fill, self.blocks, self.threads)
 
     def _back_up(self, worker: int, first: int) -> tuple[float, float]:
-        second = self.second[worker]
-        run(second.steps(self.values, self.expected, first))
-        return second.change()
-
-    def _share(self, work: Callable[[int, T], R], blocks: Sequence[T]) -> list[R]:
-        """Results of work(thread, block), shared among the threads."""
-        queue = iter(blocks)
-
-        def each(worker: int) -> list[R]:
-            return [work(worker, block) for block in queue]
-
-        if self.threads == 1:
-            return each(0)
-        with ThreadPoolExecutor(self.threads) as pool:
-            try:
-                return [result for part in pool.map(each, range(self.threads)) for result in part]
-            finally:
-                for _ in queue:  # After Ctrl-C no further block is begun.
-                    pass
+        row_backup = self.row_backups[worker]
+        run(row_backup.steps(self.values, self.expected, first))
+        return row_backup.change()
 
 
-def _lower(least: FloatArray, q: FloatArray) -> None:
+def _lower(least: RealArray, q: RealArray) -> None:
     np.minimum(least, q, out=least)
 
 
-def _follow(followed: FloatArray, q: FloatArray, numbers: NDArray[np.uint8], number: int) -> None:
+def _follow(followed: RealArray, q: RealArray, numbers: ActionTable, number: int) -> None:
     np.copyto(followed, q, where=numbers == number)
 
 
-def block_shape(operator: BellmanOperator) -> tuple[int, int, int]:
-    """Places and columns of a block of the first half, rows of one of the second."""
-    places, rows, columns = operator.shape
-    if places * rows * columns <= BLOCK:
-        return places, columns, rows
+def block_shape(model: AxisModel) -> tuple[int, int, int]:
+    """Cells and columns of a block of the exogenous expectation, rows of a block of the rest."""
+    cells, rows, columns = model.shape
+    if cells * rows * columns <= BLOCK_ENTRIES:
+        return cells, columns, rows
     height, width = rows, columns
-    while rows * width > BLOCK and width > 16:
+    while rows * width > BLOCK_ENTRIES and width > 16:
         width //= 2
-    while height > 3 and places * height * columns > BLOCK:
+    while height > 1 and cells * height * columns > BLOCK_ENTRIES:
         height //= 3
-    return 1, width, height
+    return max(1, min(cells, BLOCK_ENTRIES // (rows * width))), width, height

@@ -1,33 +1,32 @@
 """Value iteration with guaranteed bounds.
 
-W_{n+1} = T W_n, with T the Bellman backup, converges to W* at the rate of the discount. Since
-W_{n+1} + gamma/(1-gamma) min(d) <= W* <= W_{n+1} + gamma/(1-gamma) max(d), d = W_{n+1} - W_n
-(MacQueen 1966; Puterman 1994, theorem 6.6.3), the sweeps stop as soon as these bounds are
-close, long before the values stand still, and the result is shifted to their middle. Rounding
-adds at most e to each entry of T W, hence e/(1-gamma) to the bounds.
+W_{n+1} = T W_n, with T the Bellman backup, converges to W* at the rate of the discount. The
+sweeps stop on the bounds of `uav_mission_manager.solver.span_bounds`, long before the values stand
+still, and the result is shifted to their middle.
 
 Early sweeps need few digits. With mixed precision they run in float32, at half the cost, until
-d is spread no wider than rounding may be to blame for; the sweeps in float64 go on from there,
-and the bounds are theirs alone. The sweeps of the last precision end at the latest when the
-spread shrinks by less than the discount, which exact arithmetic guarantees. Other ways to fewer
-or cheaper sweeps were measured (docs/benchmarks.md) and gain less.
+the span is no wider than rounding may be to blame for; the sweeps in float64 go on from there,
+and the bounds are theirs alone. The sweeps of the last precision end at the latest when the span
+shrinks by less than exact arithmetic guarantees. Other ways to fewer or cheaper sweeps were
+measured (docs/benchmarks.md) and gain less.
 """
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from uav_mission_manager.solver.axes import FloatArray
-from uav_mission_manager.solver.exact.sweep import Sweeper
-from uav_mission_manager.solver.memory import check_memory
-from uav_mission_manager.solver.reduced import BellmanOperator
+from uav_mission_manager.mdp.arrays import RealArray
+from uav_mission_manager.solver.exact.axis_model import AxisModel
+from uav_mission_manager.solver.exact.memory import check_memory
+from uav_mission_manager.solver.exact.sweep import ActionTable, Sweeper
+from uav_mission_manager.solver.progress import Progress, Report, ignore, share_of_decades
+from uav_mission_manager.solver.span_bounds import SpanBounds
 from uav_mission_manager.solver.submdp import SubMdp
+from uav_mission_manager.solver.threads import processors
 
 PRECISIONS: dict[str, tuple[Any, ...]] = {
     'mixed': (np.float32, np.float64),
@@ -36,8 +35,8 @@ PRECISIONS: dict[str, tuple[Any, ...]] = {
 }
 """Floating types of the sweeps: mixed is the fast way to float64, double the plain one."""
 
-MIXED = 1 << 14
-"""Entries of W from which float32 sweeps pay."""
+MIXED_ENTRIES = 1 << 14
+"""Entries of W from which early sweeps in float32 pay; measured."""
 
 
 @dataclass(frozen=True)
@@ -62,13 +61,13 @@ class Solution:
     """
 
     sub: SubMdp
-    value: FloatArray
+    value: RealArray
     lower: float
     upper: float
     residual: float
     iterations: int
     converged: bool
-    actions: NDArray[np.uint8] | None = None
+    actions: ActionTable | None = None
 
     @property
     def policy_loss_bound(self) -> float:
@@ -80,12 +79,12 @@ def value_iteration(
     sub: SubMdp,
     tolerance: float = 1e-7,
     max_iterations: int = 100_000,
-    on_sweep: Callable[[int, float], None] | None = None,
+    progress: Progress = ignore,
     *,
     precision: str = 'mixed',
     threads: int | None = None,
-    start: tuple[int, FloatArray] | None = None,
-    on_values: Callable[[int, FloatArray], None] | None = None,
+    start: tuple[int, RealArray] | None = None,
+    on_values: Callable[[int, RealArray], None] | None = None,
     with_actions: bool = False,
 ) -> Solution:
     """Solve a sub-MDP from W_0 = 0.
@@ -97,8 +96,8 @@ def value_iteration(
         Largest distance of V from V*, in cost.
     max_iterations : int
         Sweeps after which to give up; the result then says `converged=False`.
-    on_sweep : callable, optional
-        Called after each sweep with its number and the distance bound reached.
+    progress : Progress
+        Is told of each sweep.
     precision : {'mixed', 'double', 'single'}
         See `PRECISIONS`.
     threads : int, optional
@@ -121,24 +120,81 @@ def value_iteration(
     threads = processors() if threads is None else threads
     check_memory(sub, PRECISIONS[precision][-1], threads)
     iterations, values = start or (0, None)
+    first = 0.0
 
-    def report(bound: float, reached: FloatArray) -> bool:
-        """Whether that was the last sweep allowed."""
-        nonlocal iterations
-        iterations += 1
-        if on_sweep is not None:
-            on_sweep(iterations, bound)
+    def stop(bounds: SpanBounds, reached: RealArray) -> bool:
+        """Whether that was the last sweep that is needed or allowed."""
+        nonlocal iterations, first
+        iterations, first = iterations + 1, first or bounds.distance
+        done = share_of_decades(first, bounds.distance, tolerance)
+        text = f'sweep {iterations}, within {bounds.distance:.1e} of V*'
+        progress(Report(iterations, done, text))
         if on_values is not None:
             on_values(iterations, reached)
-        return iterations >= max_iterations
+        return iterations >= max_iterations or bounds.distance <= tolerance
 
     for dtype in _types(sub, precision, values):
         if iterations < max_iterations:
-            run = _Run(sub, dtype, values, threads)
+            model = AxisModel(sub, dtype)
+            sweeper = Sweeper(model, _start(model, values), threads)
             values = None  # Not to hold two.
-            low, high = run.sweep(tolerance, report, last=dtype is PRECISIONS[precision][-1])
-            values = run.sweeper.values
-    return run.solution(low, high, iterations, tolerance, with_actions)
+            bounds = sweep(sweeper, stop, last=dtype is PRECISIONS[precision][-1])
+            values = sweeper.values
+    return _solution(sweeper, bounds, iterations, tolerance, with_actions)
+
+
+def sweep(
+    sweeper: Sweeper, stop: Callable[[SpanBounds, RealArray], bool], last: bool
+) -> SpanBounds:
+    """Sweep in one floating type until told to stop, or until rounding is all that changes.
+
+    Parameters
+    ----------
+    sweeper : Sweeper
+    stop : callable
+        Given the bounds reached and W, whether that was the last sweep.
+    last : bool
+        Whether no better precision follows.
+
+    Returns
+    -------
+    SpanBounds
+        Of the last sweep.
+    """
+    model, values, span = sweeper.model, sweeper.values, np.inf
+    while True:
+        bounds = SpanBounds(*sweeper.backup(), model.sub.mission.discount)
+        stalled = bounds.stalled(span) if last else bounds.residual <= model.rounding(values)
+        if stop(bounds, values) or stalled:
+            return bounds
+        span = bounds.span
+
+
+def _start(model: AxisModel, values: RealArray | None) -> RealArray:
+    return model.zero() if values is None else values.astype(model.dtype)
+
+
+def _solution(
+    sweeper: Sweeper,
+    bounds: SpanBounds,
+    iterations: int,
+    tolerance: float,
+    with_actions: bool,
+) -> Solution:
+    """W shifted to the middle of its bounds."""
+    model, values = sweeper.model, sweeper.values
+    values += values.dtype.type(bounds.middle)
+    distance = bounds.distance + bounds.accumulated(model.rounding(values))
+    return Solution(
+        sub=model.sub,
+        value=values,
+        lower=-distance,
+        upper=distance,
+        residual=bounds.residual,
+        iterations=iterations,
+        converged=bounds.distance <= tolerance,
+        actions=sweeper.greedy() if with_actions else None,
+    )
 
 
 def _check(tolerance: float, max_iterations: int, precision: str, threads: int | None) -> None:
@@ -152,62 +208,9 @@ def _check(tolerance: float, max_iterations: int, precision: str, threads: int |
         raise ValueError(f'precision {precision!r} is none of {", ".join(PRECISIONS)}')
 
 
-class _Run:
-    """Sweeps in one floating type."""
-
-    def __init__(self, sub: SubMdp, dtype: Any, values: FloatArray | None, threads: int) -> None:
-        self.operator = BellmanOperator(sub, dtype)
-        self.gain = sub.mission.discount / (1 - sub.mission.discount)
-        start = self.operator.zero() if values is None else values.astype(dtype)
-        self.sweeper = Sweeper(self.operator, start, threads)
-
-    def sweep(
-        self, tolerance: float, report: Callable[[float, FloatArray], bool], last: bool
-    ) -> tuple[float, float]:
-        """Sweep until the bounds meet the tolerance or rounding stops them; the last change."""
-        operator, values = self.operator, self.sweeper.values
-        spread = np.inf
-        while True:
-            low, high = self.sweeper.backup()
-            previous, spread = spread, high - low
-            bound = self.gain * spread / 2
-            if last:
-                stalled = spread > (1 + operator.sub.mission.discount) / 2 * previous
-            else:
-                stalled = spread / 2 <= operator.rounding(values)
-            if report(bound, values) or bound <= tolerance or stalled:
-                return low, high
-
-    def solution(
-        self, low: float, high: float, iterations: int, tolerance: float, with_actions: bool
-    ) -> Solution:
-        """W shifted to the middle of its bounds."""
-        sub, values = self.operator.sub, self.sweeper.values
-        values += values.dtype.type(self.gain * (high + low) / 2)
-        bound = self.gain * (high - low) / 2
-        rounding = self.operator.rounding(values) / (1 - sub.mission.discount)
-        return Solution(
-            sub=sub,
-            value=values,
-            lower=-bound - rounding,
-            upper=bound + rounding,
-            residual=(high - low) / 2,
-            iterations=iterations,
-            converged=bound <= tolerance,
-            actions=self.sweeper.greedy() if with_actions else None,
-        )
-
-
-def processors() -> int:
-    """Processors that this process may use."""
-    if hasattr(os, 'sched_getaffinity'):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-def _types(sub: SubMdp, precision: str, values: FloatArray | None) -> tuple[Any, ...]:
+def _types(sub: SubMdp, precision: str, values: RealArray | None) -> tuple[Any, ...]:
     """Floating types still to sweep in."""
     types = PRECISIONS[precision]
     if values is not None:
         return types[types.index(values.dtype.type) :]
-    return types if sub.entries >= MIXED else types[-1:]
+    return types if sub.entries >= MIXED_ENTRIES else types[-1:]

@@ -1,0 +1,176 @@
+"""The reduced mission as arrays along the axes of W, for backups of the whole of it.
+
+W (see `uav_mission_manager.solver.reduced`) has the axes (cell, (t, g), (f, r)) and the shape
+(q, 3 * 3^n, 8 * 2^n). An expectation is one small matrix an axis; a transition matrix over states
+never exists. Where an action leads is one of 2q + 3 + 2n *arrivals*:
+
+- in cell l' after normal flight, then in l' after agile flight;
+- on the ground: parked on base, recharged or repaired on the service cell;
+- on the cell of goal j, committed to it, in normal and in agile mode: the goal may be completed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike
+
+from uav_mission_manager.mdp.actions import Action
+from uav_mission_manager.mdp.arrays import FloatArray, IndexArray, IntArray, RealArray
+from uav_mission_manager.mdp.dynamics import (
+    ON_GROUND,
+    failure_probabilities,
+    priority_matrices,
+    range_loss_probabilities,
+)
+from uav_mission_manager.solver.reduced import ReducedMission
+from uav_mission_manager.solver.submdp import SubMdp
+
+ROUNDINGS_A_GOAL, ROUNDINGS = 12, 44
+"""Errors of half an ulp of the largest entry in one backup, at most: 5 for t, 4 for each g_j, 8
+for each r_j, each part that fails and completion, 7 for costs, change and shift."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """An action as the backup sees it.
+
+    Attributes
+    ----------
+    action : Action
+    arrivals : int array (q,)
+        Number of its arrival from each cell.
+    slot : int or None
+        Goal tracked whose priority the cost below depends on.
+    levels : slice
+        Priorities of that goal outside which it is allowed nowhere.
+    cost : float array (q, 3, 8 * 2^n)
+        `ReducedMission.action_costs` over that priority; (q, 1, 8 * 2^n) where there is no such
+        goal.
+    """
+
+    action: Action
+    arrivals: IndexArray
+    slot: int | None
+    levels: slice
+    cost: RealArray
+
+
+class AxisModel:
+    """What a sub-MDP's backup is made of, in one floating type.
+
+    Attributes
+    ----------
+    goal_cells : tuple of int
+        Cell of each goal tracked.
+    threat : float array (q, 3, 3)
+        discount P(t' | t) on arrival.
+    price : float array (2, q, 3)
+        discount E[p(t', m) | t] on arrival.
+    priorities : list of float array (1, 3, 3)
+        P(g_j' | g_j).
+    failures : float array (3, 2)
+        Failure probability of camera, actuator and sensor in normal and agile flight.
+    loss : float array (2,)
+        P(r_j: 1 -> 0) in flight.
+    repair : float array ()
+        P(f' = 1) of a repair.
+    completion : float array (8,)
+    base_cost : float array (3^n, 8 * 2^n)
+        What f, r and g cost, as if uncommitted.
+    choices : tuple of Choice
+    """
+
+    def __init__(self, sub: SubMdp, dtype: DTypeLike = np.float64) -> None:
+        mission, n = sub.mission, sub.n
+        self.sub, self.dtype = sub, np.dtype(dtype)
+        self.reduced = reduced = ReducedMission(sub)
+        self.q, self.rows, self.columns = mission.grid.q, 3 * 3**n, 8 * 2**n
+        self.goal_cells = tuple(mission.goals[j].cell for j in sub.goals)
+        self.threat = self._array(mission.discount * reduced.threat)
+        self.price = self._array(reduced.price)
+        matrices = priority_matrices(mission)
+        self.priorities = [self._array(matrices[j][None]) for j in sub.goals]
+        self.failures = self._array(failure_probabilities(mission)[:, ::-1].T)
+        self.loss = self._array(range_loss_probabilities(mission))
+        self.repair = self._array(mission.faults.repair_success)
+        self.completion = self._array(reduced.completion)
+        self.base_cost = self._base_cost()
+        self.choices = self._choices()
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Shape of W: (cells, rows (t, g), columns (f, r))."""
+        return self.q, self.rows, self.columns
+
+    @property
+    def arrivals(self) -> int:
+        """Number of arrivals."""
+        return 2 * self.q + len(ON_GROUND) + 2 * self.sub.n
+
+    def zero(self) -> RealArray:
+        """Return W = 0."""
+        return np.zeros(self.shape, dtype=self.dtype)
+
+    def rounding(self, values: RealArray) -> float:
+        """Bound on what rounding adds to one backup of W."""
+        largest = max(-float(values.min()), float(values.max())) + self._largest_costs
+        roundings = ROUNDINGS_A_GOAL * self.sub.n + ROUNDINGS
+        return 1.01 * roundings * float(np.finfo(self.dtype).eps) / 2 * largest
+
+    @cached_property
+    def _largest_costs(self) -> float:
+        costs = (self.base_cost, self.price, *(choice.cost for choice in self.choices))
+        return sum(float(np.abs(cost).max(initial=0.0, where=np.isfinite(cost))) for cost in costs)
+
+    def _array(self, values: Any) -> RealArray:
+        return np.array(values, dtype=self.dtype)
+
+    def _base_cost(self) -> RealArray:
+        n = self.sub.n
+        cost = np.zeros((3**n, 8, 2**n)) + self.reduced.fault_costs[:, None]
+        flags, levels = (np.indices((size,) * n).reshape(n, -1) for size in (2, 3))
+        for goal_cost, r, g in zip(self.sub.goal_costs, flags, levels):
+            cost += goal_cost[g][:, r][:, None]
+        return self._array(cost.reshape(3**n, self.columns))
+
+    def _choices(self) -> tuple[Choice, ...]:
+        n, flags = self.sub.n, np.indices((2,) * self.sub.n).reshape(self.sub.n, -1)
+        # An action looks at the priority of its own goal only, so all may have the same one.
+        x = (2 * np.arange(3)[:, None, None] + flags.T).reshape(-1, n)
+        costs = self.reduced.action_costs(np.arange(self.q), x).reshape(-1, self.q, 8, 3, 2**n)
+        costs = costs.swapaxes(2, 3).reshape(-1, self.q, 3, self.columns)
+        choices = []
+        for a, action in enumerate(self.sub.actions):
+            slot = self.sub.slot(action)
+            cost = costs[a] if slot is not None else costs[a, :, :1]
+            levels = hull(np.isfinite(cost).any(axis=(0, 2)))
+            choices.append(Choice(action, self._arrivals(a), slot, levels, self._array(cost)))
+        return tuple(choices)
+
+    def _arrivals(self, a: int) -> IndexArray:
+        reduced, ground = self.reduced, 2 * self.q
+        regimes = reduced.regimes[a]
+        flight = regimes * self.q + reduced.landings[a]
+        arrivals = np.where(regimes < 2, flight, ground + regimes - 2)
+        completing = ground + len(ON_GROUND) + 2 * reduced.slots[a] + reduced.agile[a]
+        return np.where(reduced.completes[a], completing, arrivals)
+
+    def locate(self, states: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+        """Indices (cell, row, column) into W of global states (N, 2k+5), each of shape (N,)."""
+        s, n, digits = self.reduced.split(states), self.sub.n, np.arange(self.sub.n)[::-1]
+        r, g = self.sub.flags_and_priorities(states)
+        return s.l, s.t * 3**n + g @ 3**digits, (s.f - 1) * 2**n + r @ 2**digits
+
+    def state_values(self, values: RealArray, states: IntArray) -> FloatArray:
+        """V(s) of global states, shape (N,)."""
+        return values[self.locate(states)] + self.reduced.mode_costs(states)
+
+
+def hull(flags: ArrayLike) -> slice:
+    """Smallest slice that holds all true flags; the whole where none is."""
+    true = np.flatnonzero(flags)
+    return slice(int(true[0]), int(true[-1]) + 1) if true.size else slice(0, np.size(flags))
