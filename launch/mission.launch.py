@@ -38,8 +38,12 @@ def argument(name: str, value_type: type = str) -> ParameterValue:
 def node(executable: str, **parameters: ParameterValue) -> Node:
     """Return one of this package's nodes in the vehicle's namespace."""
     return Node(
-        package=PACKAGE, executable=executable, namespace=LaunchConfiguration('namespace'),
-        parameters=[LaunchConfiguration('params'), parameters], output='screen')
+        package=PACKAGE,
+        executable=executable,
+        namespace=LaunchConfiguration('namespace'),
+        parameters=[LaunchConfiguration('params'), parameters],
+        output='screen',
+    )
 
 
 def one_mission(context: LaunchContext) -> None:
@@ -56,26 +60,39 @@ def simulated_autopilot(context: LaunchContext) -> list[ExecuteProcess]:
     if origin is None:
         raise RuntimeError(f'mission {mission.name} has no grid.origin: the simulator needs it')
     connection = LaunchConfiguration('connection').perform(context)
-    return [ExecuteProcess(
-        cmd=[
-            ExecutableInPackage(executable='sim_autopilot', package=PACKAGE),
-            '--connection', connection.replace('udpin:', 'udpout:'),
-            f'--origin={origin.latitude},{origin.longitude},{origin.altitude}',
-        ],
-        output='screen')]
+    return [
+        ExecuteProcess(
+            cmd=[
+                ExecutableInPackage(executable='sim_autopilot', package=PACKAGE),
+                '--connection',
+                connection.replace('udpin:', 'udpout:'),
+                f'--origin={origin.latitude},{origin.longitude},{origin.altitude}',
+            ],
+            output='screen',
+        )
+    ]
 
 
 def generate_launch_description() -> LaunchDescription:
     """Describe the processes; every argument has a default."""
-    return LaunchDescription([
-        *(DeclareLaunchArgument(name, default_value=default, description=text)
-          for name, (default, text) in ARGUMENTS.items()),
-        OpaqueFunction(function=one_mission),
-        node('base_station', mission=argument('mission')),
-        node('manager', policy=argument('policy')),
-        node('mavlink_bridge', mission=argument('mission'), connection=argument('connection'),
-             allow_arming=argument('allow_arming', bool)),
-        OpaqueFunction(
-            function=simulated_autopilot,
-            condition=IfCondition(LaunchConfiguration('simulate'))),
-    ])
+    return LaunchDescription(
+        [
+            *(
+                DeclareLaunchArgument(name, default_value=default, description=text)
+                for name, (default, text) in ARGUMENTS.items()
+            ),
+            OpaqueFunction(function=one_mission),
+            node('base_station', mission=argument('mission')),
+            node('manager', policy=argument('policy')),
+            node(
+                'mavlink_bridge',
+                mission=argument('mission'),
+                connection=argument('connection'),
+                allow_arming=argument('allow_arming', bool),
+            ),
+            OpaqueFunction(
+                function=simulated_autopilot,
+                condition=IfCondition(LaunchConfiguration('simulate')),
+            ),
+        ]
+    )

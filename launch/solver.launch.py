@@ -19,8 +19,7 @@ ARGUMENTS = {
     'namespace': ('uav1', 'namespace of the vehicle'),
     'mission': (f'{SHARE}/config/case_study.yaml', 'mission file'),
     'params': (f'{SHARE}/config/nodes.yaml', 'node parameters; the arguments here come first'),
-    'method': (
-        'expansion', 'exact, expansion, split, highest_priority or best_value'),
+    'method': ('expansion', 'exact, expansion, split, highest_priority or best_value'),
 }
 
 
@@ -32,14 +31,22 @@ def argument(name: str) -> ParameterValue:
 def node(executable: str, **parameters: ParameterValue) -> Node:
     """Return one of this package's nodes in the vehicle's namespace."""
     return Node(
-        package=PACKAGE, executable=executable, namespace=LaunchConfiguration('namespace'),
-        parameters=[LaunchConfiguration('params'), parameters], output='screen')
+        package=PACKAGE,
+        executable=executable,
+        namespace=LaunchConfiguration('namespace'),
+        parameters=[LaunchConfiguration('params'), parameters],
+        output='screen',
+    )
 
 
 def generate_launch_description() -> LaunchDescription:
     """Describe the process; every argument has a default."""
-    return LaunchDescription([
-        *(DeclareLaunchArgument(name, default_value=default, description=text)
-          for name, (default, text) in ARGUMENTS.items()),
-        node('solver', mission=argument('mission'), method=argument('method')),
-    ])
+    return LaunchDescription(
+        [
+            *(
+                DeclareLaunchArgument(name, default_value=default, description=text)
+                for name, (default, text) in ARGUMENTS.items()
+            ),
+            node('solver', mission=argument('mission'), method=argument('method')),
+        ]
+    )

@@ -49,12 +49,19 @@ class NodeProcess:
         self.path = folder / f'{module.rsplit(".", 1)[-1]}-{time.monotonic_ns()}.log'
         with self.path.open('w') as output:
             self.process = subprocess.Popen(
-                [sys.executable, '-m', module, *args], cwd=ROOT, stdout=output,
-                stderr=subprocess.STDOUT, env=os.environ | {
+                [sys.executable, '-m', module, *args],
+                cwd=ROOT,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env=os.environ
+                | {
                     'ROS_DOMAIN_ID': str(domain),
                     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-                    'ROS_HOME': str(folder), 'PYTHONUNBUFFERED': '1', **env,
-                })
+                    'ROS_HOME': str(folder),
+                    'PYTHONUNBUFFERED': '1',
+                    **env,
+                },
+            )
 
     @property
     def output(self) -> str:
@@ -98,7 +105,8 @@ class Ros:
     def start(self, module: str, *args: str, **env: str) -> NodeProcess:
         """Start a node: a module below uav_mission_manager, e.g. `nodes.manager`."""
         process = NodeProcess(
-            self.domain, self.folder, f'uav_mission_manager.{module}', *args, **env)
+            self.domain, self.folder, f'uav_mission_manager.{module}', *args, **env
+        )
         self.processes.append(process)
         return process
 
@@ -126,7 +134,11 @@ class Ros:
         publisher.publish(message)
 
     def repeat(
-        self, topic: str, make: Callable[[], Any], qos: QoSProfile, period: float = 0.2,
+        self,
+        topic: str,
+        make: Callable[[], Any],
+        qos: QoSProfile,
+        period: float = 0.2,
     ) -> Any:
         """Publish `make()` while the test waits; None is left out. Returns the timer."""
         publisher = self.node.create_publisher(type(make()), topic, qos)
@@ -145,7 +157,10 @@ class Ros:
             self.executor.spin_once(timeout_sec=0.05)
 
     def until(
-        self, condition: Callable[[], Any], what: str = 'condition', limit: float = LIMIT,
+        self,
+        condition: Callable[[], Any],
+        what: str = 'condition',
+        limit: float = LIMIT,
     ) -> Any:
         """Spin until `condition()` is true and return its value."""
         end = time.monotonic() + limit
@@ -164,7 +179,8 @@ class Ros:
         """
         client = self.node.create_client(kind, service)
         probe = self.node.create_client(
-            GetParameters, f'{service.rpartition("/")[0]}/get_parameters')
+            GetParameters, f'{service.rpartition("/")[0]}/get_parameters'
+        )
         try:
             self.until(client.service_is_ready, f'service {service}')
             self.until(probe.service_is_ready, f'parameters beside {service}')

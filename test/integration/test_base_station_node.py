@@ -33,12 +33,15 @@ def test_priorities_live(ros: Ros) -> None:
     assert node.stop(signal.SIGINT) == 0
 
 
-@pytest.mark.parametrize(('values', 'words'), [
-    ([2, 0], '2 values, the mission has 3 goals'),
-    ([2, 0, 3], 'goal3 is 3, not 0, 1 or 2'),
-    ([-1, 0, 0], 'goal1 is -1'),
-    ([1.0, 0.0, 0.0], 'INTEGER_ARRAY'),
-])
+@pytest.mark.parametrize(
+    ('values', 'words'),
+    [
+        ([2, 0], '2 values, the mission has 3 goals'),
+        ([2, 0, 3], 'goal3 is 3, not 0, 1 or 2'),
+        ([-1, 0, 0], 'goal1 is -1'),
+        ([1.0, 0.0, 0.0], 'INTEGER_ARRAY'),
+    ],
+)
 def test_bad_priorities_are_refused(ros: Ros, values: list[float], words: str) -> None:
     node = ros.start('nodes.base_station', '--ros-args', '-p', 'priorities:=[0, 0, 1]')
     heard = ros.listen('goal_priorities', UInt8MultiArray, qos.STATE_IN)

@@ -28,7 +28,11 @@ class Demo:
         self.logs = logs
         self.process = subprocess.Popen(
             [sys.executable, '-m', 'uav_mission_manager.cli.demo', '--logs', str(logs)],
-            cwd=ROOT, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            cwd=ROOT,
+            env=environment,
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
         )
         self.lines: list[str] = []
 

@@ -78,8 +78,9 @@ class Flight:
         self.ros.publish('threat_level', String(data=level), qos.STATE_IN)
 
     def until_command(self, command: str) -> None:
-        self.ros.until(lambda: self.commands and self.commands[-1].data == command,
-                       f'command {command!r}')
+        self.ros.until(
+            lambda: self.commands and self.commands[-1].data == command, f'command {command!r}'
+        )
 
     def until_target(self, x: float, y: float) -> None:
         def there() -> bool:
@@ -89,8 +90,9 @@ class Flight:
         self.ros.until(there, f'target {x}, {y}')
 
     def until_goals(self, values: list[int]) -> None:
-        self.ros.until(lambda: self.goals and list(self.goals[-1].data) == values,
-                       f'goal_states {values}')
+        self.ros.until(
+            lambda: self.goals and list(self.goals[-1].data) == values, f'goal_states {values}'
+        )
 
     def decision(self) -> dict[str, str]:
         return {pair.key: pair.value for pair in self.decisions[-1].status[0].values}
@@ -180,7 +182,9 @@ def test_fault_and_low_battery_send_it_to_service(flight: Flight, manager: NodeP
 
 
 def test_bad_inputs_are_one_line_each_and_change_nothing(
-    ros: Ros, flight: Flight, manager: NodeProcess,
+    ros: Ros,
+    flight: Flight,
+    manager: NodeProcess,
 ) -> None:
     flight.ask([2, 0, 0], 'a')
     flight.until_command('commit goal1 normal')
@@ -194,6 +198,7 @@ def test_bad_inputs_are_one_line_each_and_change_nothing(
         (lambda: flight.complete('goal7'), "goal_completed: 'goal7' is not one of"),
         (lambda: flight.ask([0, 0, 3], 'c'), 'goal_priorities: goal3 is 3, not 0, 1 or 2'),
     ):
+
         def heard(send: Callable[[], None] = send, complaint: str = complaint) -> list[str]:
             send()
             return manager.lines(complaint)
@@ -211,7 +216,9 @@ def test_bad_inputs_are_one_line_each_and_change_nothing(
 
 
 def test_unknown_battery_falls_silent_and_recovers(
-    ros: Ros, flight: Flight, manager: NodeProcess,
+    ros: Ros,
+    flight: Flight,
+    manager: NodeProcess,
 ) -> None:
     flight.charge = math.nan
     flight.until_diagnosis('link', DiagnosticStatus.ERROR, 'link lost: battery_state ')
@@ -221,7 +228,9 @@ def test_unknown_battery_falls_silent_and_recovers(
 
 
 def test_lost_link_means_silence_until_it_is_back(
-    ros: Ros, flight: Flight, manager: NodeProcess,
+    ros: Ros,
+    flight: Flight,
+    manager: NodeProcess,
 ) -> None:
     before = len(manager.lines('link lost'))  # A slow start may have said so already.
     flight.silent = True
@@ -255,7 +264,10 @@ def test_reset_goals(ros: Ros, flight: Flight, manager: NodeProcess) -> None:
 
 
 def test_policies_are_taken_over_or_refused_in_flight(
-    ros: Ros, flight: Flight, manager: NodeProcess, tmp_path: Path,
+    ros: Ros,
+    flight: Flight,
+    manager: NodeProcess,
+    tmp_path: Path,
 ) -> None:
     before = flight.decision()['policy']
     good, broken, other = tmp_path / 'good', tmp_path / 'broken', tmp_path / 'other'
@@ -300,8 +312,14 @@ def test_stops_cleanly(manager: NodeProcess, number: int) -> None:
 
 
 def test_parameter_file_and_namespace(ros: Ros) -> None:
-    process = ros.start('nodes.manager', '--ros-args', '-r', '__ns:=/uav1', '--params-file',
-                        str(ROOT / 'config' / 'nodes.yaml'))
+    process = ros.start(
+        'nodes.manager',
+        '--ros-args',
+        '-r',
+        '__ns:=/uav1',
+        '--params-file',
+        str(ROOT / 'config' / 'nodes.yaml'),
+    )
     heard = ros.listen('/uav1/goal_states', UInt8MultiArray, qos.LATCHED)
     ros.until(lambda: heard, 'goal_states in the namespace')
     assert process.process.poll() is None
@@ -315,14 +333,20 @@ def _without_energy(tmp_path: Path) -> str:
     return f'policy:={tmp_path / "set"}'
 
 
-@pytest.mark.parametrize(('argument', 'words'), [
-    ('policy:=/nonexistent', '/nonexistent'),
-    ('input_timeout:=.nan', 'parameter input_timeout'),
-    ('rate:=1000.0', 'parameter rate'),
-    (_without_energy, 'mission case_study: no energy section'),
-])
+@pytest.mark.parametrize(
+    ('argument', 'words'),
+    [
+        ('policy:=/nonexistent', '/nonexistent'),
+        ('input_timeout:=.nan', 'parameter input_timeout'),
+        ('rate:=1000.0', 'parameter rate'),
+        (_without_energy, 'mission case_study: no energy section'),
+    ],
+)
 def test_refuses_to_start_with_one_line(
-    ros: Ros, tmp_path: Path, argument: Any, words: str,
+    ros: Ros,
+    tmp_path: Path,
+    argument: Any,
+    words: str,
 ) -> None:
     if callable(argument):
         argument = argument(tmp_path)

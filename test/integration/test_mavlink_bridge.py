@@ -37,9 +37,15 @@ class Crew:
             probe.bind(('127.0.0.1', 0))
             self.port = probe.getsockname()[1]
         settings = {
-            'mission': CASE_STUDY, 'connection': f'udpin:127.0.0.1:{self.port}',
-            'goal_dwell': 1.0, 'service_time': 1.0, 'manager_timeout': 2.0, 'rtl_delay': 3.0,
-            'allow_arming': allow_arming, **parameters}
+            'mission': CASE_STUDY,
+            'connection': f'udpin:127.0.0.1:{self.port}',
+            'goal_dwell': 1.0,
+            'service_time': 1.0,
+            'manager_timeout': 2.0,
+            'rtl_delay': 3.0,
+            'allow_arming': allow_arming,
+            **parameters,
+        }
         arguments = [part for key, value in settings.items() for part in ('-p', f'{key}:={value}')]
         self.bridge = ros.start('nodes.mavlink_bridge', '--ros-args', *arguments)
         self.command: str | None = None
@@ -101,17 +107,28 @@ class Chain(Crew):
     def start_simulator(self) -> None:
         origin = GRID.origin
         self.simulator = self.ros.start(
-            'autopilot.sim_autopilot', '--connection', f'udpout:127.0.0.1:{self.port}',
-            '--connection', f'udpout:127.0.0.1:{self.ground.getsockname()[1]}',
+            'autopilot.sim_autopilot',
+            '--connection',
+            f'udpout:127.0.0.1:{self.port}',
+            '--connection',
+            f'udpout:127.0.0.1:{self.ground.getsockname()[1]}',
             f'--origin={origin.latitude},{origin.longitude},{origin.altitude}',
-            f'--speedup={SPEEDUP}')
+            f'--speedup={SPEEDUP}',
+        )
 
     def until_down_at(self, place: tuple[float, float]) -> None:
-        self.until(lambda: self.value('armed') == 'False' and self.distance(place) < 5.0
-                   and abs(self.height) < 1.0, f'landed at {place}')
+        self.until(
+            lambda: (
+                self.value('armed') == 'False'
+                and self.distance(place) < 5.0
+                and abs(self.height) < 1.0
+            ),
+            f'landed at {place}',
+        )
 
     def say(self, message: Any) -> None:
         """Send a message to the autopilot from the ground."""
+
         def address() -> Any:
             try:
                 return self.ground.recvfrom(2048)[1]
@@ -121,8 +138,11 @@ class Chain(Crew):
         self.ground.sendto(message.pack(self.mav), self.until(address, 'the simulator'))
 
     def set(self, name: str, value: float) -> None:
-        self.say(mavlink.MAVLink_param_set_message(
-            1, 1, name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32))
+        self.say(
+            mavlink.MAVLink_param_set_message(
+                1, 1, name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32
+            )
+        )
 
     def close(self) -> None:
         self.ground.close()
@@ -145,13 +165,15 @@ class Dummy(Crew):
     def _speak(self) -> None:
         position = round(self.latitude * 1e7), round(GRID.origin.longitude * 1e7)
         for message in (
-                mavlink.MAVLink_heartbeat_message(
-                    2, 3, 217 if self.armed else 81, self.mode, 4 if self.armed else 3, 3),
-                mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 15200, 0, 80, *[0] * 6),
-                mavlink.MAVLink_gps_raw_int_message(0, 3, *[0] * 8),
-                mavlink.MAVLink_ekf_status_report_message(831, *[0] * 5),
-                mavlink.MAVLink_extended_sys_state_message(0, self.landed),
-                mavlink.MAVLink_global_position_int_message(0, *position, *[0] * 5, 65535)):
+            mavlink.MAVLink_heartbeat_message(
+                2, 3, 217 if self.armed else 81, self.mode, 4 if self.armed else 3, 3
+            ),
+            mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 15200, 0, 80, *[0] * 6),
+            mavlink.MAVLink_gps_raw_int_message(0, 3, *[0] * 8),
+            mavlink.MAVLink_ekf_status_report_message(831, *[0] * 5),
+            mavlink.MAVLink_extended_sys_state_message(0, self.landed),
+            mavlink.MAVLink_global_position_int_message(0, *position, *[0] * 5, 65535),
+        ):
             if message.get_type() not in self.mute:
                 try:
                     self._socket.send(message.pack(self._mav))
@@ -165,8 +187,9 @@ class Dummy(Crew):
             while True:
                 messages += self._mav.parse_buffer(self._socket.recv(2048)) or []
         except (BlockingIOError, ConnectionRefusedError):
-            return {m.command for m in messages if m.get_type() in ('COMMAND_LONG', 'COMMAND_INT')
-                    } - {mavlink.MAV_CMD_SET_MESSAGE_INTERVAL}
+            return {
+                m.command for m in messages if m.get_type() in ('COMMAND_LONG', 'COMMAND_INT')
+            } - {mavlink.MAV_CMD_SET_MESSAGE_INTERVAL}
 
     def close(self) -> None:
         self._socket.close()
@@ -254,8 +277,11 @@ def test_a_pilot_takes_over_until_resume(chain, ros):
     flight = chain(cruise_speed=1.0)
     flight.command = 'commit goal2 normal'
     flight.until_phase('en route')
-    flight.say(mavlink.MAVLink_command_long_message(
-        1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, 5, 0, 0, 0, 0, 0))
+    flight.say(
+        mavlink.MAVLink_command_long_message(
+            1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, 5, 0, 0, 0, 0, 0
+        )
+    )
     flight.until_phase('pilot in command')
     ros.spin(3.0)
     assert (flight.value('mode'), flight.value('phase')) == ('LOITER', 'pilot in command')
@@ -282,8 +308,7 @@ def test_without_autopilot_the_topics_stop_and_come_back(chain, ros):
     flight.until(lambda: flight.status.level == DiagnosticStatus.ERROR, 'link lost')
     counts = [len(m) for m in (flight.batteries, flight.odom, flight.fixes, flight.faults)]
     ros.spin(3.0)
-    assert counts == [
-        len(m) for m in (flight.batteries, flight.odom, flight.fixes, flight.faults)]
+    assert counts == [len(m) for m in (flight.batteries, flight.odom, flight.fixes, flight.faults)]
     flight.start_simulator()
     flight.until(lambda: len(flight.odom) > counts[1] and len(flight.faults) > counts[3], 'back')
 
@@ -394,12 +419,15 @@ def test_no_fault_mode_is_made_of_old_values(dummy, ros, mute):
     assert len(flight.faults) == count
 
 
-@pytest.mark.parametrize(('parameter', 'complaint'), [
-    ('connection:=udpin:127.0.0.1:nowhere', 'udpin:127.0.0.1:nowhere'),
-    ('cruise_speed:=.nan', 'cruise_speed'),
-    ('cruise_speed:=-1.0', 'cruise_speed'),
-    ('mission:=no_such_mission.yaml', 'no_such_mission.yaml'),
-])
+@pytest.mark.parametrize(
+    ('parameter', 'complaint'),
+    [
+        ('connection:=udpin:127.0.0.1:nowhere', 'udpin:127.0.0.1:nowhere'),
+        ('cruise_speed:=.nan', 'cruise_speed'),
+        ('cruise_speed:=-1.0', 'cruise_speed'),
+        ('mission:=no_such_mission.yaml', 'no_such_mission.yaml'),
+    ],
+)
 def test_what_cannot_start_says_so_in_one_line(ros, parameter, complaint):
     bridge = ros.start('nodes.mavlink_bridge', '--ros-args', '-p', parameter)
     assert bridge.wait() == 1

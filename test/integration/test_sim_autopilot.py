@@ -30,7 +30,11 @@ STREAMS = {
 def start(*arguments):
     return subprocess.Popen(
         [sys.executable, '-m', 'uav_mission_manager.autopilot.sim_autopilot', *arguments],
-        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
 
 
 def stop(process):
@@ -83,9 +87,23 @@ class GroundStation:
     def reposition(self, latitude, longitude, height):
         self.latest.pop('COMMAND_ACK', None)
         number = mavlink.MAV_CMD_DO_REPOSITION
-        self.mav.send(mavlink.MAVLink_command_int_message(
-            1, 1, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, number, 0, 0, -1, 0, 0, math.nan,
-            round(latitude * 1e7), round(longitude * 1e7), height))
+        self.mav.send(
+            mavlink.MAVLink_command_int_message(
+                1,
+                1,
+                mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+                number,
+                0,
+                0,
+                -1,
+                0,
+                0,
+                math.nan,
+                round(latitude * 1e7),
+                round(longitude * 1e7),
+                height,
+            )
+        )
         return self._result(number)
 
     def _result(self, number):
@@ -132,19 +150,27 @@ def station():
 
 @pytest.fixture
 def simulator(station):
-    process = start('--connection', f'udpout:127.0.0.1:{station.port}', '--speedup', str(SPEEDUP),
-                    '--origin', f'{LATITUDE},{LONGITUDE},{ALTITUDE}', '--boot-seconds', '20')
+    process = start(
+        '--connection',
+        f'udpout:127.0.0.1:{station.port}',
+        '--speedup',
+        str(SPEEDUP),
+        '--origin',
+        f'{LATITUDE},{LONGITUDE},{ALTITUDE}',
+        '--boot-seconds',
+        '20',
+    )
     yield process
     stop(process)
 
 
 def take_off(station):
     for message, seconds in STREAMS.items():
-        assert station.command(
-            mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message, seconds * 1e6) == 0
+        assert station.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message, seconds * 1e6) == 0
     prearm = mavlink.MAV_SYS_STATUS_PREARM_CHECK
     station.until(
-        lambda: station.next('SYS_STATUS').onboard_control_sensors_health & prearm, 'not ready')
+        lambda: station.next('SYS_STATUS').onboard_control_sensors_health & prearm, 'not ready'
+    )
     assert station.command(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED) == 0
     assert station.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == 0
     assert station.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 20) == 0
@@ -197,11 +223,17 @@ def test_low_battery_brings_it_home(simulator, station):
 
 def test_time_runs_at_the_speed_asked_for(simulator, station):
     station.next('HEARTBEAT')
-    assert station.command(
-        mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_SYSTEM_TIME, 1e6) == 0
+    assert (
+        station.command(
+            mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_SYSTEM_TIME, 1e6
+        )
+        == 0
+    )
     first, begin = station.next('SYSTEM_TIME'), time.monotonic()
-    station.until(lambda: station.latest['SYSTEM_TIME'].time_boot_ms
-                  >= first.time_boot_ms + 60000, 'time stands still')
+    station.until(
+        lambda: station.latest['SYSTEM_TIME'].time_boot_ms >= first.time_boot_ms + 60000,
+        'time stands still',
+    )
     # It may fall behind on a busy machine, never run ahead.
     assert time.monotonic() - begin > 0.5 * 60.0 / SPEEDUP
 
@@ -216,7 +248,8 @@ def test_each_link_has_its_own_streams():
         for station in stations:
             station.next('HEARTBEAT')
         stations[0].command(
-            mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 1e5)
+            mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 1e5
+        )
         stations[0].next('ATTITUDE')
         for _ in range(3):
             stations[1].next('HEARTBEAT')
@@ -245,10 +278,19 @@ def test_signal_ends_it_without_a_peer(number):
         stop(process)
 
 
-@pytest.mark.parametrize('arguments', [
-    ('--origin', '47.0,8.0'), ('--origin', '95,8,400'), ('--origin', 'nan,8,400'),
-    ('--speedup', '0'), ('--speedup', 'nan'), ('--connection', 'nowhere'),
-    ('--connection', 'udpin:192.0.2.1:14550'), ('--system-id', '256')])
+@pytest.mark.parametrize(
+    'arguments',
+    [
+        ('--origin', '47.0,8.0'),
+        ('--origin', '95,8,400'),
+        ('--origin', 'nan,8,400'),
+        ('--speedup', '0'),
+        ('--speedup', 'nan'),
+        ('--connection', 'nowhere'),
+        ('--connection', 'udpin:192.0.2.1:14550'),
+        ('--system-id', '256'),
+    ],
+)
 def test_bad_arguments_end_in_one_clear_line(arguments):
     process = start(*arguments)
     _, errors = process.communicate(timeout=LIMIT)

@@ -41,11 +41,19 @@ def test_builds_announces_and_the_manager_takes_over(ros: Ros, tmp_path: Path) -
     assert manager.stop(signal.SIGINT) == 0
 
 
-@pytest.mark.parametrize(('field', 'words'), [
-    ('mission', 'priority_transition'), ('method', 'guess'), ('out', 'no policy set'),
-])
+@pytest.mark.parametrize(
+    ('field', 'words'),
+    [
+        ('mission', 'priority_transition'),
+        ('method', 'guess'),
+        ('out', 'no policy set'),
+    ],
+)
 def test_failed_build_announces_nothing(
-    ros: Ros, tmp_path: Path, field: str, words: str,
+    ros: Ros,
+    tmp_path: Path,
+    field: str,
+    words: str,
 ) -> None:
     mission = yaml.safe_load((ROOT / 'config' / 'case_study.yaml').read_text())
     mission['priority_transition'][0] = [0.8, 0.05, 0.05]

@@ -17,11 +17,15 @@ from uav_mission_manager.mdp import action_name, mission_from_dict
 
 # epoch: g, t and whether the goal is completed in this epoch.
 EVENTS = {
-    1: (0, 0, False), 2: (0, 0, False),
-    3: (2, 0, False),                     # The base station raises goal 1 to high.
-    4: (2, 0, False), 5: (2, 0, True),    # In cell 5 the goal is achieved.
-    6: (0, 2, False), 7: (0, 2, False),   # The threat goes high on the way home ..
-    8: (0, 0, False), 9: (0, 0, False),   # .. and goes.
+    1: (0, 0, False),
+    2: (0, 0, False),
+    3: (2, 0, False),  # The base station raises goal 1 to high.
+    4: (2, 0, False),
+    5: (2, 0, True),  # In cell 5 the goal is achieved.
+    6: (0, 2, False),
+    7: (0, 2, False),  # The threat goes high on the way home ..
+    8: (0, 0, False),
+    9: (0, 0, False),  # .. and goes.
 }
 EXPECTED = [
     # epoch, g, l, c, t, m, action
@@ -67,9 +71,15 @@ def test_case_one_where_threats_arise_anywhere():
     assert fly(document) == (EXPECTED, [])
 
 
-@pytest.mark.parametrize('event', [
-    {'f': 3}, {'r': 0}, {'g': 0},
-], ids=str)
+@pytest.mark.parametrize(
+    'event',
+    [
+        {'f': 3},
+        {'r': 0},
+        {'g': 0},
+    ],
+    ids=str,
+)
 def test_what_ends_the_commitment_on_the_way(event):
     """At epoch 4, on the way: a weak motor, no range or no wish for the goal."""
     policy = build_policy(mission_from_dict(case_study(1), 'test'))

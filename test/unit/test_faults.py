@@ -9,8 +9,14 @@ from uav_mission_manager.autopilot.faults import Fault, FaultEstimator
 from uav_mission_manager.autopilot.telemetry import Position, Telemetry
 
 HEALTHY = Telemetry(
-    mode=4, armed=True, landed=False, unhealthy=0, fix_type=3, ekf_flags=831,
-    position=Position(0.0, -35.0, 149.0, 604.0, 20.0))
+    mode=4,
+    armed=True,
+    landed=False,
+    unhealthy=0,
+    fix_type=3,
+    ekf_flags=831,
+    position=Position(0.0, -35.0, 149.0, 604.0, 20.0),
+)
 GYRO = mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
 NOMINAL = Fault(0)
 
@@ -31,7 +37,8 @@ class Watch:
         for _ in range(round(seconds * 5)):
             self.now += 0.2
             fault = self.estimator.update(
-                replace(telemetry, motors_time=self.now), camera_age, self.now)
+                replace(telemetry, motors_time=self.now), camera_age, self.now
+            )
         return fault
 
 
@@ -57,17 +64,21 @@ def test_nothing_is_said_before_the_first_fix():
     assert watch.see(0.2) == NOMINAL
 
 
-@pytest.mark.parametrize('change', [
-    {'unhealthy': GYRO},
-    {'unhealthy': mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL},
-    {'unhealthy': mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG},
-    {'unhealthy': mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE},
-    {'unhealthy': mavlink.MAV_SYS_STATUS_SENSOR_GPS},
-    {'fix_type': 1},
-    {'ekf_flags': 831 | mavlink.EKF_GPS_GLITCHING},
-    {'ekf_flags': 831 | mavlink.EKF_CONST_POS_MODE},
-    {'ekf_flags': 831 & ~mavlink.EKF_POS_HORIZ_ABS},
-], ids=str)
+@pytest.mark.parametrize(
+    'change',
+    [
+        {'unhealthy': GYRO},
+        {'unhealthy': mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL},
+        {'unhealthy': mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG},
+        {'unhealthy': mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE},
+        {'unhealthy': mavlink.MAV_SYS_STATUS_SENSOR_GPS},
+        {'fix_type': 1},
+        {'ekf_flags': 831 | mavlink.EKF_GPS_GLITCHING},
+        {'ekf_flags': 831 | mavlink.EKF_CONST_POS_MODE},
+        {'ekf_flags': 831 & ~mavlink.EKF_POS_HORIZ_ABS},
+    ],
+    ids=str,
+)
 def test_a_failed_sensor(change):
     watch = Watch()
     watch.see(1.0)
@@ -75,9 +86,14 @@ def test_a_failed_sensor(change):
     assert watch.see(0.6, replace(HEALTHY, **change)) == Fault.SENSOR
 
 
-@pytest.mark.parametrize('bit', [
-    mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER, mavlink.MAV_SYS_STATUS_SENSOR_BATTERY,
-    mavlink.MAV_SYS_STATUS_PREARM_CHECK])
+@pytest.mark.parametrize(
+    'bit',
+    [
+        mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER,
+        mavlink.MAV_SYS_STATUS_SENSOR_BATTERY,
+        mavlink.MAV_SYS_STATUS_PREARM_CHECK,
+    ],
+)
 def test_other_health_bits_are_no_sensor_fault(bit):
     watch = Watch()
     assert watch.see(10.0, replace(HEALTHY, unhealthy=bit)) == NOMINAL
@@ -101,9 +117,16 @@ def test_a_camera_never_heard_is_no_fault_but_a_lost_one_is():
     assert watch.see(5.4, camera_age=0.1) == NOMINAL
 
 
-@pytest.mark.parametrize(('effectiveness', 'expected'), [
-    (1.0, NOMINAL), (0.9, NOMINAL), (0.8, Fault.ACTUATOR), (0.7, Fault.ACTUATOR),
-    (0.6, Fault.ACTUATOR)])
+@pytest.mark.parametrize(
+    ('effectiveness', 'expected'),
+    [
+        (1.0, NOMINAL),
+        (0.9, NOMINAL),
+        (0.8, Fault.ACTUATOR),
+        (0.7, Fault.ACTUATOR),
+        (0.6, Fault.ACTUATOR),
+    ],
+)
 def test_a_weak_motor_turns_up(effectiveness, expected):
     watch = Watch()
     assert watch.see(10.0, replace(HEALTHY, motors=hover())) == NOMINAL
@@ -126,9 +149,11 @@ def test_motors_that_stop_do_not_hide_a_weak_one():
     assert watch.see(6.0, replace(HEALTHY, motors=hover(0.7))) == Fault.ACTUATOR
 
 
-@pytest.mark.parametrize('ground', [
-    {'armed': False}, {'landed': True}, {'position': replace(HEALTHY.position, height=1.0)}],
-    ids=['disarmed', 'landed', 'low'])
+@pytest.mark.parametrize(
+    'ground',
+    [{'armed': False}, {'landed': True}, {'position': replace(HEALTHY.position, height=1.0)}],
+    ids=['disarmed', 'landed', 'low'],
+)
 def test_motors_are_judged_in_the_air_only(ground):
     watch = Watch()
     assert watch.see(20.0, replace(HEALTHY, motors=hover(0.6), **ground)) == NOMINAL

@@ -40,8 +40,12 @@ class Peer:
         self._socket.send(message.pack(self._mav))
         self._mav.seq = (self._mav.seq + 1) % 256
 
-    def beat(self, component: int = 1, autopilot: int = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
-             kind: int = mavlink.MAV_TYPE_QUADROTOR) -> None:
+    def beat(
+        self,
+        component: int = 1,
+        autopilot: int = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
+        kind: int = mavlink.MAV_TYPE_QUADROTOR,
+    ) -> None:
         self.say(mavlink.MAVLink_heartbeat_message(kind, autopilot, 81, 4, 3, 3), component)
 
     def ack(self, command: int, result: int = 0, target: tuple[int, int] = (1, 191)) -> None:
@@ -167,11 +171,15 @@ def test_messages_without_heartbeat_do_not_keep_the_link(make):
     assert not wire.link.up
 
 
-@pytest.mark.parametrize('beat', [
-    (100, mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_TYPE_CAMERA),
-    (1, mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_TYPE_QUADROTOR),
-    (190, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, mavlink.MAV_TYPE_GCS),
-], ids=['camera', 'another autopilot', 'ground station'])
+@pytest.mark.parametrize(
+    'beat',
+    [
+        (100, mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_TYPE_CAMERA),
+        (1, mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_TYPE_QUADROTOR),
+        (190, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, mavlink.MAV_TYPE_GCS),
+    ],
+    ids=['camera', 'another autopilot', 'ground station'],
+)
 def test_others_are_not_taken_for_the_autopilot(make, beat):
     wire = make(target=0)
     wire.peer.beat(*beat)
@@ -292,10 +300,13 @@ def sent_later(wire: Wire) -> list:
     return wire.peer.commands()
 
 
-@pytest.mark.parametrize(('result', 'refused'), [
-    (mavlink.MAV_RESULT_ACCEPTED, {}),
-    (mavlink.MAV_RESULT_FAILED, {'MAV_CMD_COMPONENT_ARM_DISARM': 'MAV_RESULT_FAILED'}),
-])
+@pytest.mark.parametrize(
+    ('result', 'refused'),
+    [
+        (mavlink.MAV_RESULT_ACCEPTED, {}),
+        (mavlink.MAV_RESULT_FAILED, {'MAV_CMD_COMPONENT_ARM_DISARM': 'MAV_RESULT_FAILED'}),
+    ],
+)
 def test_an_answer_ends_a_command(make, result, refused):
     wire = make().up()
     wire.link.send(ARM, wire.now)
@@ -309,9 +320,11 @@ def test_an_answer_ends_a_command(make, result, refused):
     wire.deliver(lambda: wire.link.refused == {})
 
 
-@pytest.mark.parametrize(('command', 'target'), [
-    (mavlink.MAV_CMD_NAV_TAKEOFF, (1, 191)), (ARM.number, (255, 190))],
-    ids=['of another command', 'for someone else'])
+@pytest.mark.parametrize(
+    ('command', 'target'),
+    [(mavlink.MAV_CMD_NAV_TAKEOFF, (1, 191)), (ARM.number, (255, 190))],
+    ids=['of another command', 'for someone else'],
+)
 def test_an_answer_that_is_not_meant_changes_nothing(make, command, target):
     wire = make().up()
     wire.link.send(ARM, wire.now)
@@ -397,7 +410,8 @@ def test_noise_on_the_line_is_skipped(make):
 
 
 @pytest.mark.parametrize(
-    'connection', ['udpin:127.0.0.1', '/dev/nothing-there', 'tcp:127.0.0.1:x'])
+    'connection', ['udpin:127.0.0.1', '/dev/nothing-there', 'tcp:127.0.0.1:x']
+)
 def test_a_bad_connection_is_named(connection):
     with pytest.raises(ValueError, match=connection):
         Link(connection)

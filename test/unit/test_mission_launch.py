@@ -14,8 +14,15 @@ from uav_mission_manager.paths import share_directory
 
 SHARE = share_directory()
 PACKAGES = (
-    'launch', 'launch.actions', 'launch.conditions', 'launch.substitutions', 'launch_ros',
-    'launch_ros.actions', 'launch_ros.parameter_descriptions', 'launch_ros.substitutions')
+    'launch',
+    'launch.actions',
+    'launch.conditions',
+    'launch.substitutions',
+    'launch_ros',
+    'launch_ros.actions',
+    'launch_ros.parameter_descriptions',
+    'launch_ros.substitutions',
+)
 
 
 @pytest.fixture
@@ -23,7 +30,8 @@ def launch_file(monkeypatch):
     for name in PACKAGES:
         monkeypatch.setitem(sys.modules, name, MagicMock())
     sys.modules['launch.substitutions'].LaunchConfiguration = lambda name: SimpleNamespace(
-        perform=lambda arguments: arguments[name])
+        perform=lambda arguments: arguments[name]
+    )
     return runpy.run_path(str(SHARE / 'launch' / 'mission.launch.py'))
 
 

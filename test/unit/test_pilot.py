@@ -38,8 +38,10 @@ class Flight:
         self.now = 100.0
         self.task: Task | None = None
         self.east = self.north = self.height = self.climb = 0.0
-        self.telemetry = replace(Telemetry(
-            mode=Mode.STABILIZE, landed=True, ready=True, unhealthy=0, ekf_flags=831), **telemetry)
+        self.telemetry = replace(
+            Telemetry(mode=Mode.STABILIZE, landed=True, ready=True, unhealthy=0, ekf_flags=831),
+            **telemetry,
+        )
         self.position = True
 
     def at(self, east: float, north: float = 0.0, height: float = 20.0) -> Flight:
@@ -69,10 +71,12 @@ class Flight:
 
     def silent_step(self, seconds: float = 0.05):
         self.now += seconds
-        position = Position(self.now, *place(self.east, self.north), 584.0, self.height,
-                            (0.0, 0.0, self.climb))
+        position = Position(
+            self.now, *place(self.east, self.north), 584.0, self.height, (0.0, 0.0, self.climb)
+        )
         return self.pilot.update(
-            replace(self.telemetry, position=position if self.position else None), self.now)
+            replace(self.telemetry, position=position if self.position else None), self.now
+        )
 
     def run(self, seconds: float):
         """All requests within so many seconds, and the last step."""
@@ -113,11 +117,15 @@ def test_from_the_ground_guided_then_arm_then_take_off_then_go():
     assert (step.phase, step.requests) == (Phase.EN_ROUTE, (fly_to(COMMIT),))
 
 
-@pytest.mark.parametrize('telemetry', [
-    {'mode': Mode.STABILIZE},
-    {'mode': Mode.GUIDED},
-    {'mode': Mode.GUIDED, 'armed': True},
-], ids=['mode', 'arm', 'take-off'])
+@pytest.mark.parametrize(
+    'telemetry',
+    [
+        {'mode': Mode.STABILIZE},
+        {'mode': Mode.GUIDED},
+        {'mode': Mode.GUIDED, 'armed': True},
+    ],
+    ids=['mode', 'arm', 'take-off'],
+)
 def test_a_request_is_repeated_until_telemetry_shows_it_done(telemetry):
     requests, _, _ = Flight(**telemetry).order(COMMIT).run(6.0)
     assert len(set(requests)) == 1
@@ -372,11 +380,15 @@ def disarmed(flight: Flight, height: float, climb: float):
     return flight.set(armed=False, landed=True).step()
 
 
-@pytest.mark.parametrize(('mode', 'height', 'climb', 'phase'), [
-    (Mode.LAND, 18.0, -4.0, Phase.PILOT),
-    (Mode.LAND, 18.0, 0.0, Phase.GROUND),
-    (Mode.LAND, 0.0, -0.6, Phase.GROUND),
-], ids=['falling', 'landed on a hill', 'landed'])
+@pytest.mark.parametrize(
+    ('mode', 'height', 'climb', 'phase'),
+    [
+        (Mode.LAND, 18.0, -4.0, Phase.PILOT),
+        (Mode.LAND, 18.0, 0.0, Phase.GROUND),
+        (Mode.LAND, 0.0, -0.6, Phase.GROUND),
+    ],
+    ids=['falling', 'landed on a hill', 'landed'],
+)
 def test_a_landing_ends_at_rest(mode, height, climb, phase):
     flight = Flight().order(HOME).airborne()
     flight.step()
@@ -539,7 +551,8 @@ def test_hold_breaks_off_a_landing_at_a_safe_height():
     flight.pilot.hold()
     assert flight.step().requests == (SetMode(Mode.GUIDED),)
     assert flight.set(mode=Mode.GUIDED).step().requests == (
-        Fly(*place(), 3.0, SETTINGS.cruise_speed),)
+        Fly(*place(), 3.0, SETTINGS.cruise_speed),
+    )
 
 
 def test_without_position_a_hold_asks_for_nothing_and_says_so():
@@ -621,7 +634,9 @@ def test_found_flying_without_a_manager_it_holds_then_returns():
     flight = Flight().airborne(50.0)
     requests, step = silence(flight, 12.9)
     assert (step.phase, requests[0]) == (
-        Phase.HOLDING, Fly(*place(50.0), 20.0, SETTINGS.cruise_speed))
+        Phase.HOLDING,
+        Fly(*place(50.0), 20.0, SETTINGS.cruise_speed),
+    )
     requests, step = silence(flight, 0.3)
     assert (step.phase, requests) == (Phase.RETURNING, [SetMode(Mode.RTL)])
 

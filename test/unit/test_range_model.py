@@ -15,8 +15,15 @@ from uav_mission_manager.onboard import endurance, flight_range, range_flags, wa
 
 MISSION = load_mission(Path(__file__).parents[2] / 'config' / 'case_study.yaml')
 ENERGY = Energy(
-    capacity=4.0, voltage=15.0, power=240.0, speed=5.0,
-    wind=8.0, wind_penalty=100.0, payload=0.5, payload_penalty=400.0)
+    capacity=4.0,
+    voltage=15.0,
+    power=240.0,
+    speed=5.0,
+    wind=8.0,
+    wind_penalty=100.0,
+    payload=0.5,
+    payload_penalty=400.0,
+)
 CHARGE = st.floats(0.0, 1.0)
 DISTANCES = st.lists(st.floats(0.0, 6000.0), min_size=1, max_size=5)
 
@@ -40,10 +47,16 @@ def test_way_home_goes_over_the_goal_to_the_service_cell() -> None:
     assert third == pytest.approx(50.0 * math.sqrt(5.0) + 50.0 * math.sqrt(2.0))
 
 
-@pytest.mark.parametrize(('previous', 'distance', 'flag'), [
-    (1, 2000.0, 1), (1, 2000.1, 0),           # sigma is 2000 m at a charge of 2/3
-    (0, 2000.0, 0), (0, 1666.0, 1), (0, 1667.0, 0),
-])
+@pytest.mark.parametrize(
+    ('previous', 'distance', 'flag'),
+    [
+        (1, 2000.0, 1),
+        (1, 2000.1, 0),  # sigma is 2000 m at a charge of 2/3
+        (0, 2000.0, 0),
+        (0, 1666.0, 1),
+        (0, 1667.0, 0),
+    ],
+)
 def test_flag_at_the_limit(previous: int, distance: float, flag: int) -> None:
     assert range_flags(ENERGY, 2.0 / 3.0 + 1e-12, [distance], [previous], 0.2) == (flag,)
 
@@ -64,7 +77,10 @@ def test_without_margin_the_flag_is_the_papers_rule(charge: float, distances: li
 
 @given(charge=CHARGE, more=CHARGE, distances=DISTANCES, margin=st.floats(0.0, 1.0))
 def test_flags_grow_with_charge_and_a_lost_one_is_never_easier(
-    charge: float, more: float, distances: list[float], margin: float,
+    charge: float,
+    more: float,
+    distances: list[float],
+    margin: float,
 ) -> None:
     low, high = sorted((charge, more))
     for held in (0, 1):
@@ -80,4 +96,5 @@ def test_flags_grow_with_charge_and_a_lost_one_is_never_easier(
 @given(charge=CHARGE, wind=st.floats(0.0, 20.0))
 def test_wind_costs_range(charge: float, wind: float) -> None:
     assert flight_range(replace(ENERGY, wind=wind), charge) <= flight_range(
-        replace(ENERGY, wind=0.0), charge)
+        replace(ENERGY, wind=0.0), charge
+    )

@@ -58,10 +58,13 @@ def airborne(flight):
     return flight
 
 
-@pytest.mark.parametrize(('origin', 'place', 'expected'), [
-    (Origin(0.0, 0.0, 0.0), (1.0, 0.0), 110574.3 + 0j),
-    (Origin(60.0, 10.0, 0.0), (60.0, 11.0), 55800j),
-])
+@pytest.mark.parametrize(
+    ('origin', 'place', 'expected'),
+    [
+        (Origin(0.0, 0.0, 0.0), (1.0, 0.0), 110574.3 + 0j),
+        (Origin(60.0, 10.0, 0.0), (60.0, 11.0), 55800j),
+    ],
+)
 def test_local_frame_has_the_lengths_of_wgs84(origin, place, expected):
     assert origin.to_local(*place) == pytest.approx(expected, rel=1e-4)
     assert origin.to_geodetic(origin.to_local(*place)) == pytest.approx(place, abs=1e-9)
@@ -137,8 +140,9 @@ def test_brake_stops_and_stays(airborne):
     assert airborne.body.position == pytest.approx(stopped, abs=0.05)
 
 
-@pytest.mark.parametrize(('effectiveness', 'pwm'), [
-    (1.0, 1589), (0.9, 1654), (0.8, 1736), (0.7, 1842)])
+@pytest.mark.parametrize(
+    ('effectiveness', 'pwm'), [(1.0, 1589), (0.9, 1654), (0.8, 1736), (0.7, 1842)]
+)
 def test_weak_motor_turns_up(airborne, effectiveness, pwm):
     airborne.parameters['SIM_ENGINE_FAIL'] = 0b0100
     airborne.parameters['SIM_ENGINE_MUL'] = effectiveness

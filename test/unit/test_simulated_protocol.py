@@ -40,8 +40,11 @@ class Peer:
     def take(self, kind=None, component=1):
         """Messages since the last call, of one type if given."""
         messages, self._messages = self._messages, []
-        return [m for m in messages
-                if kind in (None, m.get_type()) and m.get_srcComponent() == component]
+        return [
+            m
+            for m in messages
+            if kind in (None, m.get_type()) and m.get_srcComponent() == component
+        ]
 
     def command(self, number, *params, system=1, component=1):
         """Send COMMAND_LONG, return the result or None without an answer."""
@@ -52,15 +55,30 @@ class Peer:
 
     def command_int(self, number, latitude, longitude, z, frame=RELATIVE, flags=0):
         self.take()
-        self.send(mavlink.MAVLink_command_int_message(
-            1, 1, frame, number, 0, 0, -1, flags, 0, math.nan, round(latitude * 1e7),
-            round(longitude * 1e7), z))
+        self.send(
+            mavlink.MAVLink_command_int_message(
+                1,
+                1,
+                frame,
+                number,
+                0,
+                0,
+                -1,
+                flags,
+                0,
+                math.nan,
+                round(latitude * 1e7),
+                round(longitude * 1e7),
+                z,
+            )
+        )
         return self._result(number)
 
     def _result(self, number):
         acks = [m for m in self._messages if m.get_type() == 'COMMAND_ACK']
-        assert all((m.command, m.target_system, m.target_component) == (number, 255, 190)
-                   for m in acks)
+        assert all(
+            (m.command, m.target_system, m.target_component) == (number, 255, 190) for m in acks
+        )
         return acks[-1].result if acks else None
 
     def get(self, message):
@@ -94,7 +112,7 @@ def connect(boot_seconds=0.5, peers=1):
 @pytest.fixture
 def peer():
     """Linked to an autopilot that is ready to arm."""
-    peer, = connect()
+    (peer,) = connect()
     peer.run(1.0)
     peer.take()
     return peer
@@ -110,7 +128,7 @@ def airborne(peer):
 
 
 def test_only_heartbeat_and_timesync_stream_unasked():
-    peer, = connect()
+    (peer,) = connect()
     peer.run(30.01)
     kinds = [m.get_type() for m in peer.take()]
     assert kinds.count('HEARTBEAT') == 31
@@ -122,8 +140,10 @@ def test_intervals_are_exact_and_of_one_link():
     first, second = connect(peers=2)
     wanted = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
     assert first.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, wanted, 1e5) == 0
-    assert second.command(
-        mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 30e3) == 0
+    assert (
+        second.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 30e3)
+        == 0
+    )
     first.run(12.0)
     stamps = [m.time_boot_ms for m in first.take('GLOBAL_POSITION_INT')]
     assert stamps == list(range(100, 12001, 100))
@@ -150,7 +170,7 @@ def test_request_of_an_unknown_message_fails(peer):
 
 
 def test_early_arming_fails_with_a_reason():
-    peer, = connect()
+    (peer,) = connect()
     peer.run(0.2)
     assert peer.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == 4
     assert any('PreArm' in m.text for m in peer.take('STATUSTEXT'))
@@ -201,8 +221,10 @@ def test_reposition_is_a_command_int_of_guided(airborne):
     assert airborne.command(number, -1, 0, 0, 0, 47.001, 8.0, 30) == 3
     assert airborne.command_int(number, 95.0, 8.0, 30) == 2
     assert airborne.command_int(number, 47.001, 8.0, math.nan) == 2
-    assert airborne.command_int(
-        number, 47.001, 8.0, 30, frame=mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT) == 2
+    assert (
+        airborne.command_int(number, 47.001, 8.0, 30, frame=mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT)
+        == 2
+    )
     assert airborne.command_int(number, 47.001, 8.0, 30) == 0
     airborne.run(30.0)
     position = airborne.get(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
@@ -217,9 +239,26 @@ def test_reposition_is_a_command_int_of_guided(airborne):
 
 def test_position_target_moves_without_an_answer(airborne):
     airborne.take()
-    airborne.send(mavlink.MAVLink_set_position_target_global_int_message(
-        0, 1, 1, mavlink.MAV_FRAME_GLOBAL_INT, 0b110111111000, 470000000, 80010000, 415.0,
-        0, 0, 0, 0, 0, 0, 0, 0))
+    airborne.send(
+        mavlink.MAVLink_set_position_target_global_int_message(
+            0,
+            1,
+            1,
+            mavlink.MAV_FRAME_GLOBAL_INT,
+            0b110111111000,
+            470000000,
+            80010000,
+            415.0,
+            0,
+            0,
+            0,
+            0,
+            0,
+            0,
+            0,
+            0,
+        )
+    )
     assert airborne.take() == []
     airborne.run(25.0)
     local = airborne.get(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
@@ -227,8 +266,12 @@ def test_position_target_moves_without_an_answer(airborne):
 
 
 def test_set_home_is_where_it_returns_to(airborne):
-    assert airborne.command_int(
-        mavlink.MAV_CMD_DO_SET_HOME, 47.0005, 8.0, 400.0, frame=mavlink.MAV_FRAME_GLOBAL) == 0
+    assert (
+        airborne.command_int(
+            mavlink.MAV_CMD_DO_SET_HOME, 47.0005, 8.0, 400.0, frame=mavlink.MAV_FRAME_GLOBAL
+        )
+        == 0
+    )
     home = airborne.get(mavlink.MAVLINK_MSG_ID_HOME_POSITION)
     assert (home.latitude, home.longitude, home.altitude) == (470005000, 80000000, 400000)
     airborne.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
@@ -248,14 +291,14 @@ def test_what_is_for_others_is_left_alone(peer):
 
 def test_set_mode_message_is_acknowledged_by_its_id(peer):
     peer.send(mavlink.MAVLink_set_mode_message(1, 1, Mode.GUIDED))
-    ack, = peer.take('COMMAND_ACK')
+    (ack,) = peer.take('COMMAND_ACK')
     assert (ack.command, ack.result) == (11, 0)
     assert peer.autopilot.flight.mode == Mode.GUIDED
 
 
 def test_timesync_is_answered(peer):
     peer.send(mavlink.MAVLink_timesync_message(0, 12345))
-    answer, = peer.take('TIMESYNC')
+    (answer,) = peer.take('TIMESYNC')
     assert (answer.tc1, answer.ts1) == (1_000_000_000, 12345)
     peer.send(answer)
     assert peer.take('TIMESYNC') == []
@@ -267,9 +310,12 @@ def test_parameters():
     listed = first.take('PARAM_VALUE')
     assert [m.param_id for m in listed] == list(TABLE)
     assert [m.param_index for m in listed] == list(range(len(TABLE)))
-    value, = first.set_parameter('SIM_BATT_PCT', 40.0)
+    (value,) = first.set_parameter('SIM_BATT_PCT', 40.0)
     assert (value.param_id, value.param_value, value.param_count) == (
-        'SIM_BATT_PCT', 40.0, len(TABLE))
+        'SIM_BATT_PCT',
+        40.0,
+        len(TABLE),
+    )
     assert second.take('PARAM_VALUE')[0].param_value == 40.0
     assert first.get(mavlink.MAVLINK_MSG_ID_SYS_STATUS).battery_remaining == 40
     first.run(60.0)
@@ -277,7 +323,7 @@ def test_parameters():
     for name, number in ((b'SIM_BATT_PCT', -1), (b'', index)):
         first.take()
         first.send(mavlink.MAVLink_param_request_read_message(1, 1, name, number))
-        value, = first.take('PARAM_VALUE')
+        (value,) = first.take('PARAM_VALUE')
         assert value.param_index == index
         assert 39.0 < value.param_value < 40.0
 
@@ -291,12 +337,15 @@ def test_parameters_without_sense_are_ignored(peer):
     assert peer.take('PARAM_VALUE') == []
 
 
-@pytest.mark.parametrize(('name', 'value', 'seconds', 'bit'), [
-    ('SIM_MAG1_FAIL', 1, 0.1, mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG),
-    ('SIM_BARO_DISABLE', 1, 0.1, mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE),
-    ('SIM_BATT_VOLTAGE', 10.4, 10.1, mavlink.MAV_SYS_STATUS_SENSOR_BATTERY),
-    ('SIM_GPS1_ENABLE', 0, 5.0, 0),
-])
+@pytest.mark.parametrize(
+    ('name', 'value', 'seconds', 'bit'),
+    [
+        ('SIM_MAG1_FAIL', 1, 0.1, mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG),
+        ('SIM_BARO_DISABLE', 1, 0.1, mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE),
+        ('SIM_BATT_VOLTAGE', 10.4, 10.1, mavlink.MAV_SYS_STATUS_SENSOR_BATTERY),
+        ('SIM_GPS1_ENABLE', 0, 5.0, 0),
+    ],
+)
 def test_health_bits_of_faults(airborne, name, value, seconds, bit):
     airborne.set_parameter(name, value)
     airborne.run(seconds)
@@ -348,7 +397,7 @@ def test_camera_beats_until_it_fails(peer):
 @given(data=st.lists(st.binary(max_size=80), max_size=5))
 @settings(max_examples=50, deadline=None)
 def test_garbage_does_no_harm(data):
-    peer, = connect()
+    (peer,) = connect()
     for chunk in data:
         peer.autopilot.receive(peer.link, chunk)
     peer.autopilot.receive(peer.link, bytes(300))
@@ -362,11 +411,14 @@ FLOATS = st.floats(width=32) | st.sampled_from([0.0, 1.0, 4.0, 21196.0, -1.0, 3e
 @given(
     number=st.sampled_from(sorted(commands._HANDLERS)),
     params=st.tuples(*[FLOATS] * 7),
-    x=st.integers(-2**31, 2**31 - 1), frame=st.integers(0, 12), mode=st.integers(0, 30),
-    name=st.sampled_from(sorted(TABLE)))
+    x=st.integers(-(2**31), 2**31 - 1),
+    frame=st.integers(0, 12),
+    mode=st.integers(0, 30),
+    name=st.sampled_from(sorted(TABLE)),
+)
 @settings(max_examples=200, deadline=None)
 def test_any_numbers_are_survived(number, params, x, frame, mode, name):
-    peer, = connect(boot_seconds=0.1)
+    (peer,) = connect(boot_seconds=0.1)
     peer.run(0.2)
     assert peer.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == 0
     assert peer.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == 0
@@ -374,11 +426,17 @@ def test_any_numbers_are_survived(number, params, x, frame, mode, name):
     peer.set_parameter(name, params[0])
     peer.run(1.0)
     assert peer.command(number, *params) is not None
-    peer.send(mavlink.MAVLink_command_int_message(
-        1, 1, frame, number, 0, 0, *params[:4], x, x, params[6]))
+    peer.send(
+        mavlink.MAVLink_command_int_message(
+            1, 1, frame, number, 0, 0, *params[:4], x, x, params[6]
+        )
+    )
     peer.send(mavlink.MAVLink_set_mode_message(1, 1, mode))
-    peer.send(mavlink.MAVLink_set_position_target_global_int_message(
-        0, 1, 1, frame, 0, x, x, *params, *params[:2]))
+    peer.send(
+        mavlink.MAVLink_set_position_target_global_int_message(
+            0, 1, 1, frame, 0, x, x, *params, *params[:2]
+        )
+    )
     peer.run(1.0)
     for message in MESSAGES:
         assert peer.get(message).get_msgId() == message

@@ -42,8 +42,12 @@ def command(outcome: Decision | Refusal) -> str:
 
 def test_state_row_order() -> None:
     situation = (
-        at(6).with_fault('actuator', 0.0).with_threat('low', 0.0)
-        .with_priorities([0, 1, 2], 'a', 0.0).after(ACTIONS[6], 0.0))
+        at(6)
+        .with_fault('actuator', 0.0)
+        .with_threat('low', 0.0)
+        .with_priorities([0, 1, 2], 'a', 0.0)
+        .after(ACTIONS[6], 0.0)
+    )
     assert situation.state == (3, 1, 1, 1, 0, 1, 2, 6, 2, 1, 1)
 
 
@@ -56,20 +60,27 @@ def test_mission_without_energy_is_refused() -> None:
         Situation(replace(MISSION, energy=None))
 
 
-@pytest.mark.parametrize(('change', 'words'), [
-    (lambda s: s.with_battery(math.nan, 9.0), 'battery_state: percentage nan'),
-    (lambda s: s.with_battery(-0.01, 9.0), 'battery_state: percentage -0.01'),
-    (lambda s: s.with_battery(80.0, 9.0), 'battery_state: percentage 80.0'),
-    (lambda s: s.with_position(math.nan, 0.0, 9.0), 'odom: position'),
-    (lambda s: s.with_position(0.0, math.inf, 9.0), 'odom: position'),
-    (lambda s: s.with_fault('engine', 9.0), "fault_mode: 'engine' is not one of nominal"),
-    (lambda s: s.with_threat('HIGH', 9.0), "threat_level: 'HIGH' is not one of none"),
-    (lambda s: s.with_priorities([2, 0], 'b', 9.0), 'goal_priorities: data has 2 values, not 3'),
-    (lambda s: s.with_priorities([2, 0, 3], 'b', 9.0), 'goal_priorities: goal3 is 3'),
-    (lambda s: s.with_completed('goal9'), "goal_completed: 'goal9' is not one of goal1"),
-])
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        (lambda s: s.with_battery(math.nan, 9.0), 'battery_state: percentage nan'),
+        (lambda s: s.with_battery(-0.01, 9.0), 'battery_state: percentage -0.01'),
+        (lambda s: s.with_battery(80.0, 9.0), 'battery_state: percentage 80.0'),
+        (lambda s: s.with_position(math.nan, 0.0, 9.0), 'odom: position'),
+        (lambda s: s.with_position(0.0, math.inf, 9.0), 'odom: position'),
+        (lambda s: s.with_fault('engine', 9.0), "fault_mode: 'engine' is not one of nominal"),
+        (lambda s: s.with_threat('HIGH', 9.0), "threat_level: 'HIGH' is not one of none"),
+        (
+            lambda s: s.with_priorities([2, 0], 'b', 9.0),
+            'goal_priorities: data has 2 values, not 3',
+        ),
+        (lambda s: s.with_priorities([2, 0, 3], 'b', 9.0), 'goal_priorities: goal3 is 3'),
+        (lambda s: s.with_completed('goal9'), "goal_completed: 'goal9' is not one of goal1"),
+    ],
+)
 def test_bad_input_is_one_line_and_changes_nothing(
-    change: Callable[[Situation], Situation], words: str,
+    change: Callable[[Situation], Situation],
+    words: str,
 ) -> None:
     situation = at(4).with_priorities([1, 2, 0], 'a', 0.0)
     with pytest.raises(InputError) as error:
@@ -119,7 +130,10 @@ def test_range_flags_follow_battery_and_come_back_with_a_margin() -> None:
 
 def test_only_stale_or_missing_required_inputs_are_named() -> None:
     assert Situation(MISSION).missing(0.0, TIMEOUT) == (
-        'battery_state never received', 'odom never received', 'fault_mode never received')
+        'battery_state never received',
+        'odom never received',
+        'fault_mode never received',
+    )
     situation = at(0, now=10.0).with_position(0.0, 0.0, 6.0)
     assert situation.missing(10.2, TIMEOUT) == ('odom 4.2 s old',)
     assert at(0, now=10.0).missing(13.0, TIMEOUT) == ()
@@ -129,7 +143,8 @@ def test_only_stale_or_missing_required_inputs_are_named() -> None:
 def test_decide_refuses_without_fresh_inputs_and_resumes(policy: Policy) -> None:
     situation = at(0, now=10.0)
     assert decide(policy, situation, 14.2, TIMEOUT, EPOCH) == Refusal(
-        'link lost: battery_state 4.2 s old, odom 4.2 s old, fault_mode 4.2 s old')
+        'link lost: battery_state 4.2 s old, odom 4.2 s old, fault_mode 4.2 s old'
+    )
     assert command(decide(policy, at(0, now=14.2), 14.2, TIMEOUT, EPOCH)) == 'none normal'
 
 
@@ -177,19 +192,24 @@ def test_commitment_is_kept_on_site_until_completion_or_the_epoch_is_over(policy
     assert kept.margin < 0.0
     assert kept.reason.startswith('on site at goal3; then: ')
     assert command(decide(policy, situation.with_completed('goal3'), 2.0, TIMEOUT, EPOCH)) == (
-        'none normal')
+        'none normal'
+    )
     late = replace(situation, seen=dict.fromkeys(situation.seen, 16.0))
     assert decide(policy, late, 16.0, TIMEOUT, EPOCH) == wanted
 
 
-@pytest.mark.parametrize('change', [
-    lambda s: s.with_fault('camera', 1.0),          # completion has become impossible
-    lambda s: s.with_battery(0.1, 1.0),             # out of range
-    lambda s: s.with_priorities([0, 2, 2], 'b', 1.0),   # no longer wanted
-    lambda s: s.with_position(0.0, 0.0, 1.0),       # blown away
-])
+@pytest.mark.parametrize(
+    'change',
+    [
+        lambda s: s.with_fault('camera', 1.0),  # completion has become impossible
+        lambda s: s.with_battery(0.1, 1.0),  # out of range
+        lambda s: s.with_priorities([0, 2, 2], 'b', 1.0),  # no longer wanted
+        lambda s: s.with_position(0.0, 0.0, 1.0),  # blown away
+    ],
+)
 def test_commitment_is_not_kept_against_reason(
-    policy: Policy, change: Callable[[Situation], Situation],
+    policy: Policy,
+    change: Callable[[Situation], Situation],
 ) -> None:
     situation = at(5, priorities=(2, 2, 2)).after(ACTIONS[1], 0.0)
     assert situation.arrived == 0.0
@@ -216,8 +236,11 @@ EVENTS = st.one_of(
     st.builds(lambda x, y: lambda s, t: s.with_position(x, y, t), FLOATS, FLOATS),
     st.builds(lambda w: lambda s, t: s.with_fault(w, t), WORDS),
     st.builds(lambda w: lambda s, t: s.with_threat(w, t), WORDS),
-    st.builds(lambda v, w: lambda s, t: s.with_priorities(v, w, t),
-              st.lists(st.integers(0, 3), min_size=2, max_size=4), WORDS),
+    st.builds(
+        lambda v, w: lambda s, t: s.with_priorities(v, w, t),
+        st.lists(st.integers(0, 3), min_size=2, max_size=4),
+        WORDS,
+    ),
     st.builds(lambda w: lambda s, t: s.with_completed(w), WORDS),
     st.builds(lambda n: lambda s, t: s.after(ACTIONS[n], t), st.integers(0, 9)),
     st.just(lambda s, t: s.without_goals()),
@@ -227,7 +250,8 @@ EVENTS = st.one_of(
 @settings(deadline=None)
 @given(events=st.lists(EVENTS, max_size=30))
 def test_no_sequence_of_inputs_leaves_the_state_space(
-    policy: Policy, events: list[Callable[[Situation, float], Situation]],
+    policy: Policy,
+    events: list[Callable[[Situation, float], Situation]],
 ) -> None:
     space, situation = StateSpace(MISSION.k, MISSION.grid.q), at(0)
     for now, event in enumerate(events):

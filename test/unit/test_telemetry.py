@@ -22,29 +22,46 @@ def decode(*messages) -> Telemetry:
 
 
 def sys_status(
-        remaining=80, millivolts=15200, centiamperes=1650, present=0, enabled=None, health=0):
+    remaining=80, millivolts=15200, centiamperes=1650, present=0, enabled=None, health=0
+):
     return mavlink.MAVLink_sys_status_message(
-        present, present if enabled is None else enabled, health, 0, millivolts, centiamperes,
-        remaining, 0, 0, 0, 0, 0, 0)
+        present,
+        present if enabled is None else enabled,
+        health,
+        0,
+        millivolts,
+        centiamperes,
+        remaining,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+    )
 
 
 def heartbeat(base_mode=81, mode=4, state=3, kind=mavlink.MAV_TYPE_QUADROTOR):
     return mavlink.MAVLink_heartbeat_message(
-        kind, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, base_mode, mode, state, 3)
+        kind, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, base_mode, mode, state, 3
+    )
 
 
 def global_position(lat=-353632620, lon=1491652370, heading=9000):
     return mavlink.MAVLink_global_position_int_message(
-        0, lat, lon, 604500, 20500, 300, 400, -100, heading)
+        0, lat, lon, 604500, 20500, 300, 400, -100, heading
+    )
 
 
 def servos(port=0, first=1842):
     return mavlink.MAVLink_servo_output_raw_message(
-        0, port, first, 1589, 1590, 1591, 1500, 1500, 1500, 1500)
+        0, port, first, 1589, 1590, 1591, 1500, 1500, 1500, 1500
+    )
 
 
 @pytest.mark.parametrize(
-    ('base_mode', 'armed'), [(81, False), (89, False), (217, True), (209, True)])
+    ('base_mode', 'armed'), [(81, False), (89, False), (217, True), (209, True)]
+)
 def test_armed_and_mode_come_from_heartbeat(base_mode, armed):
     telemetry = decode(heartbeat(base_mode, mode=6))
     assert (telemetry.armed, telemetry.mode) == (armed, 6)
@@ -55,21 +72,31 @@ def test_failsafe(state, failsafe):
     assert decode(heartbeat(state=state)).failsafe is failsafe
 
 
-@pytest.mark.parametrize(('kind', 'motors'), [
-    (mavlink.MAV_TYPE_QUADROTOR, 4), (mavlink.MAV_TYPE_HEXAROTOR, 6),
-    (mavlink.MAV_TYPE_OCTOROTOR, 8), (mavlink.MAV_TYPE_TRICOPTER, 0)])
+@pytest.mark.parametrize(
+    ('kind', 'motors'),
+    [
+        (mavlink.MAV_TYPE_QUADROTOR, 4),
+        (mavlink.MAV_TYPE_HEXAROTOR, 6),
+        (mavlink.MAV_TYPE_OCTOROTOR, 8),
+        (mavlink.MAV_TYPE_TRICOPTER, 0),
+    ],
+)
 def test_number_of_motors(kind, motors):
     assert decode(heartbeat(kind=kind)).motor_count == motors
 
 
-@pytest.mark.parametrize(('remaining', 'charge'), [
-    (0, 0.0), (55, 0.55), (100, 1.0), (-1, UNKNOWN_BATTERY), (101, UNKNOWN_BATTERY)])
+@pytest.mark.parametrize(
+    ('remaining', 'charge'),
+    [(0, 0.0), (55, 0.55), (100, 1.0), (-1, UNKNOWN_BATTERY), (101, UNKNOWN_BATTERY)],
+)
 def test_charge(remaining, charge):
     assert decode(sys_status(remaining)).battery.charge == charge
 
 
-@pytest.mark.parametrize(('millivolts', 'voltage'), [
-    (15200, 15.2), (0, UNKNOWN_BATTERY), (64900, UNKNOWN_BATTERY), (65535, UNKNOWN_BATTERY)])
+@pytest.mark.parametrize(
+    ('millivolts', 'voltage'),
+    [(15200, 15.2), (0, UNKNOWN_BATTERY), (64900, UNKNOWN_BATTERY), (65535, UNKNOWN_BATTERY)],
+)
 def test_voltage_that_cannot_be_is_unknown(millivolts, voltage):
     assert decode(sys_status(millivolts=millivolts)).battery.voltage == voltage
 
@@ -79,15 +106,18 @@ def test_current():
     assert math.isnan(decode(sys_status(centiamperes=-1)).battery.current)
 
 
-@pytest.mark.parametrize(('present', 'enabled', 'health', 'unhealthy'), [
-    (GYRO, GYRO, GYRO, 0), (GYRO, GYRO, 0, GYRO), (GYRO, 0, 0, 0), (0, GYRO, 0, 0)])
+@pytest.mark.parametrize(
+    ('present', 'enabled', 'health', 'unhealthy'),
+    [(GYRO, GYRO, GYRO, 0), (GYRO, GYRO, 0, GYRO), (GYRO, 0, 0, 0), (0, GYRO, 0, 0)],
+)
 def test_health_counts_where_present_and_enabled(present, enabled, health, unhealthy):
     telemetry = decode(sys_status(present=present, enabled=enabled, health=health))
     assert telemetry.unhealthy == unhealthy
 
 
-@pytest.mark.parametrize(('present', 'health', 'ready'), [
-    (PREARM, PREARM, True), (PREARM, 0, False), (0, 0, None)])
+@pytest.mark.parametrize(
+    ('present', 'health', 'ready'), [(PREARM, PREARM, True), (PREARM, 0, False), (0, 0, None)]
+)
 def test_ready_to_arm(present, health, ready):
     assert decode(sys_status(present=present, health=health)).ready is ready
 
@@ -146,8 +176,10 @@ def test_motors_of_the_main_outputs():
     assert telemetry.motors_time == 7.0
 
 
-@pytest.mark.parametrize(('state', 'height', 'on_ground'), [
-    (1, 20.5, True), (2, 0.0, False), (3, 0.0, False), (4, 0.0, False), (0, 20.5, False)])
+@pytest.mark.parametrize(
+    ('state', 'height', 'on_ground'),
+    [(1, 20.5, True), (2, 0.0, False), (3, 0.0, False), (4, 0.0, False), (0, 20.5, False)],
+)
 def test_on_the_ground(state, height, on_ground):
     landed = mavlink.MAVLink_extended_sys_state_message(0, state)
     telemetry = decode(heartbeat(217), global_position(), landed)

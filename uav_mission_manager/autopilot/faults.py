@@ -19,13 +19,21 @@ IDLE_PWM = 1100.0
 ZERO_THRUST_PWM = 1000.0
 FIX_3D = mavlink.GPS_FIX_TYPE_3D_FIX
 
-SENSORS = (mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
-           | mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG | mavlink.MAV_SYS_STATUS_SENSOR_GPS
-           | mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE)
+SENSORS = (
+    mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
+    | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
+    | mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG
+    | mavlink.MAV_SYS_STATUS_SENSOR_GPS
+    | mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
+)
 PROPULSION = mavlink.MAV_SYS_STATUS_SENSOR_PROPULSION
-EKF_NEEDED = (mavlink.EKF_ATTITUDE | mavlink.EKF_VELOCITY_HORIZ | mavlink.EKF_VELOCITY_VERT
-              | mavlink.EKF_POS_HORIZ_ABS)
-EKF_BAD = (mavlink.EKF_CONST_POS_MODE | mavlink.EKF_GPS_GLITCHING | mavlink.EKF_UNINITIALIZED)
+EKF_NEEDED = (
+    mavlink.EKF_ATTITUDE
+    | mavlink.EKF_VELOCITY_HORIZ
+    | mavlink.EKF_VELOCITY_VERT
+    | mavlink.EKF_POS_HORIZ_ABS
+)
+EKF_BAD = mavlink.EKF_CONST_POS_MODE | mavlink.EKF_GPS_GLITCHING | mavlink.EKF_UNINITIALIZED
 
 
 class Fault(IntFlag):
@@ -80,8 +88,7 @@ class FaultEstimator:
         self._debounce(Fault.SENSOR, not located or bool(unhealthy & SENSORS), now)
         weak = min(self.effectiveness, default=1.0) < self._threshold
         self._debounce(Fault.ACTUATOR, weak or bool(unhealthy & PROPULSION), now)
-        self._debounce(
-            Fault.CAMERA, camera_age is not None and camera_age > CAMERA_TIMEOUT, now)
+        self._debounce(Fault.CAMERA, camera_age is not None and camera_age > CAMERA_TIMEOUT, now)
         return self._faults
 
     def serviced(self) -> None:
@@ -105,7 +112,7 @@ class FaultEstimator:
             del self._since[fault]
 
     def _filter_motors(self, telemetry: Telemetry) -> None:
-        motors = telemetry.motors[:telemetry.motor_count]
+        motors = telemetry.motors[: telemetry.motor_count]
         height = telemetry.position.height if telemetry.position else 0.0
         if telemetry.on_ground or height < MIN_HEIGHT:
             self.effectiveness = ()
@@ -122,4 +129,5 @@ class FaultEstimator:
         # At most 2, lest a motor that idles for a moment hides its weakness afterwards.
         ratios = (middle / max(pwm - ZERO_THRUST_PWM, middle / 2.0) for pwm in motors)
         self.effectiveness = tuple(
-            old + gain * (new - old) for old, new in zip(self.effectiveness, ratios, strict=True))
+            old + gain * (new - old) for old, new in zip(self.effectiveness, ratios, strict=True)
+        )

@@ -81,13 +81,21 @@ class Link:
         The connection cannot be opened; says which and why.
     """
 
-    def __init__(self, connection: str, *, source_system: int = 1, source_component: int = 191,
-                 target_system: int = 1, timeout: float = 3.0,
-                 streams: Mapping[int, float] = STREAMS) -> None:
+    def __init__(
+        self,
+        connection: str,
+        *,
+        source_system: int = 1,
+        source_component: int = 191,
+        target_system: int = 1,
+        timeout: float = 3.0,
+        streams: Mapping[int, float] = STREAMS,
+    ) -> None:
         # UDP forgets silent peers; with one retry TCP reconnects without sleeping in between.
         try:
             self._port = mavutil.mavlink_connection(
-                connection, udp_timeout=UDP_PEER_TIMEOUT, autoreconnect=True, retries=1)
+                connection, udp_timeout=UDP_PEER_TIMEOUT, autoreconnect=True, retries=1
+            )
         except (OSError, ValueError, ImportError) as error:
             raise ValueError(f'MAVLink connection {connection!r}: {error}') from error
         # mavutil's own encoder may be MAVLink 1 and of another dialect.
@@ -112,9 +120,16 @@ class Link:
         """Send the own heartbeat and return the autopilot's new messages; call it often."""
         if now - self._beat_at >= HEARTBEAT_INTERVAL:
             self._beat_at = now
-            self._send(mavlink.MAVLink_heartbeat_message(
-                mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, 0,
-                mavlink.MAV_STATE_ACTIVE, 3))
+            self._send(
+                mavlink.MAVLink_heartbeat_message(
+                    mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
+                    mavlink.MAV_AUTOPILOT_INVALID,
+                    0,
+                    0,
+                    mavlink.MAV_STATE_ACTIVE,
+                    3,
+                )
+            )
         messages = [message for message in self._read() if self._accept(message, now)]
         self._watch(now)
         return messages
@@ -181,8 +196,10 @@ class Link:
         return True
 
     def _find_autopilot(self, heartbeat: Any) -> None:
-        ardupilot = (heartbeat.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
-                     and heartbeat.type != mavlink.MAV_TYPE_GCS)
+        ardupilot = (
+            heartbeat.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+            and heartbeat.type != mavlink.MAV_TYPE_GCS
+        )
         wanted = self.target_system in (0, heartbeat.get_srcSystem())
         if ardupilot and wanted and self.target_component is None:
             self.target_system = heartbeat.get_srcSystem()
@@ -227,8 +244,7 @@ class Link:
                 continue
             if pending.transmissions < TRANSMISSIONS:
                 self._transmit(pending.command, pending.transmissions)
-                self._pending[number] = _Pending(
-                    pending.command, now, pending.transmissions + 1)
+                self._pending[number] = _Pending(pending.command, now, pending.transmissions + 1)
             else:
                 del self._pending[number]
                 self._refuse(pending.command, 'no answer', now)
@@ -238,24 +254,43 @@ class Link:
         if mavlink.MAV_CMD_SET_MESSAGE_INTERVAL in self._pending:
             return
         for message, rate in self._streams.items():
-            last = max(self._stream_seen.get(message, -math.inf),
-                       self._stream_asked.get(message, -math.inf))
+            last = max(
+                self._stream_seen.get(message, -math.inf),
+                self._stream_asked.get(message, -math.inf),
+            )
             if now - last > STREAM_TIMEOUT:
                 self._stream_asked[message] = now
-                self.send(Command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
-                                  (message, 1e6 / rate, 0, 0, 0, 0, 0)), now)
+                self.send(
+                    Command(
+                        mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, (message, 1e6 / rate, 0, 0, 0, 0, 0)
+                    ),
+                    now,
+                )
                 return
 
     def _transmit(self, command: Command, confirmation: int) -> None:
         target = self.target_system, self.target_component
         if command.frame is None:
-            self._send(mavlink.MAVLink_command_long_message(
-                *target, command.number, confirmation, *command.params))
+            self._send(
+                mavlink.MAVLink_command_long_message(
+                    *target, command.number, confirmation, *command.params
+                )
+            )
         else:
             *params, latitude, longitude, z = command.params
-            self._send(mavlink.MAVLink_command_int_message(
-                *target, command.frame, command.number, 0, 0, *params,
-                round(latitude * 1e7), round(longitude * 1e7), z))
+            self._send(
+                mavlink.MAVLink_command_int_message(
+                    *target,
+                    command.frame,
+                    command.number,
+                    0,
+                    0,
+                    *params,
+                    round(latitude * 1e7),
+                    round(longitude * 1e7),
+                    z,
+                )
+            )
 
     def _send(self, message: Any) -> None:
         try:

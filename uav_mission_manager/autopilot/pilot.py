@@ -224,8 +224,7 @@ class Pilot:
         step = self._ask(fly, Phase.ON_SITE, task.text, now)
         return replace(step, completed=self._complete(task, now))
 
-    def _take_off(
-            self, task: Task, telemetry: Telemetry, position: Position, now: float) -> Step:
+    def _take_off(self, task: Task, telemetry: Telemetry, position: Position, now: float) -> Step:
         """Armed on the ground in GUIDED: take off, or stop the motors that this pilot started."""
         if self._may_stay(task, position):
             return self._stop_motors(Phase.GROUND, task.text, telemetry, now)
@@ -286,8 +285,7 @@ class Pilot:
         fly = Fly(point.latitude, point.longitude, height, self._settings.cruise_speed)
         return self._ask(fly, Phase.HOLDING, why, now)
 
-    def _order(
-            self, mode: Mode, phase: Phase, why: str, telemetry: Telemetry, now: float) -> Step:
+    def _order(self, mode: Mode, phase: Phase, why: str, telemetry: Telemetry, now: float) -> Step:
         self._mode, self._ordered, self._ordered_at = telemetry.mode, mode, now
         return self._ask(SetMode(mode), phase, why, now)
 

@@ -42,8 +42,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     flight = Flight(options.origin, options.boot_seconds, options.seed)
     flight.parameters['SIM_SPEEDUP'] = options.speedup
     place = ','.join(str(value) for value in astuple(options.origin))
-    print(f'sim_autopilot: {" ".join(names)}, origin {place}, speed-up {options.speedup:g}',
-          flush=True)
+    print(
+        f'sim_autopilot: {" ".join(names)}, origin {place}, speed-up {options.speedup:g}',
+        flush=True,
+    )
     with contextlib.suppress(KeyboardInterrupt):
         _run(flight, ports, options.system_id)
     return 0
@@ -78,20 +80,40 @@ def _read(autopilot: Autopilot, port: Any, link: Link) -> None:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='sim_autopilot', description=__doc__)
     parser.add_argument(
-        '--connection', type=_connection, action='append', metavar='STRING',
-        help=f'udpout:, udpin: or tcpin:HOST:PORT; repeatable (default: {DEFAULT_CONNECTION})')
+        '--connection',
+        type=_connection,
+        action='append',
+        metavar='STRING',
+        help=f'udpout:, udpin: or tcpin:HOST:PORT; repeatable (default: {DEFAULT_CONNECTION})',
+    )
     parser.add_argument(
-        '--origin', type=_origin, default='-35.363262,149.165237,584', metavar='LAT,LON,ALT',
+        '--origin',
+        type=_origin,
+        default='-35.363262,149.165237,584',
+        metavar='LAT,LON,ALT',
         help='where the vehicle stands: degrees, metres above sea level; a negative latitude '
-        'needs --origin=LAT,LON,ALT (default: %(default)s)')
+        'needs --origin=LAT,LON,ALT (default: %(default)s)',
+    )
     parser.add_argument(
-        '--speedup', type=_positive, default=1.0,
-        help='simulated seconds in a second (default: %(default)s)')
+        '--speedup',
+        type=_positive,
+        default=1.0,
+        help='simulated seconds in a second (default: %(default)s)',
+    )
     parser.add_argument(
-        '--boot-seconds', type=_positive, default=5.0,
-        help='simulated time until it can arm (default: %(default)s)')
-    parser.add_argument('--system-id', type=int, default=1, choices=range(1, 256), metavar='ID',
-                        help='MAVLink system id (default: %(default)s)')
+        '--boot-seconds',
+        type=_positive,
+        default=5.0,
+        help='simulated time until it can arm (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--system-id',
+        type=int,
+        default=1,
+        choices=range(1, 256),
+        metavar='ID',
+        help='MAVLink system id (default: %(default)s)',
+    )
     parser.add_argument('--seed', type=int, default=0, help='of the motor noise')
     return parser
 

@@ -132,8 +132,11 @@ def update(telemetry: Telemetry, message: Any, now: float) -> Telemetry:
 def forget(telemetry: Telemetry, now: float) -> Telemetry:
     """Return `telemetry` without what was not said again for 5 s."""
     old: dict[str, Any] = {
-        name: None for kind, names in _STATES.items() for name in names
-        if now - telemetry.received.get(kind, now) > STALE}
+        name: None
+        for kind, names in _STATES.items()
+        for name in names
+        if now - telemetry.received.get(kind, now) > STALE
+    }
     return replace(telemetry, **old) if old else telemetry
 
 
@@ -147,8 +150,7 @@ def _heartbeat(message: Any, now: float) -> dict[str, Any]:
 
 
 def _sys_status(message: Any, now: float) -> dict[str, Any]:
-    enabled = (message.onboard_control_sensors_present
-               & message.onboard_control_sensors_enabled)
+    enabled = message.onboard_control_sensors_present & message.onboard_control_sensors_enabled
     unhealthy = enabled & ~message.onboard_control_sensors_health
     prearm = mavlink.MAV_SYS_STATUS_PREARM_CHECK
     charge, current = message.battery_remaining, message.current_battery
@@ -157,7 +159,8 @@ def _sys_status(message: Any, now: float) -> dict[str, Any]:
         charge / 100.0 if 0 <= charge <= 100 else math.nan,
         voltage if 0.0 < voltage <= MAX_VOLTAGE else math.nan,
         current / 100.0 if current >= 0 else math.nan,
-        not unhealthy & mavlink.MAV_SYS_STATUS_SENSOR_BATTERY)
+        not unhealthy & mavlink.MAV_SYS_STATUS_SENSOR_BATTERY,
+    )
     ready = not unhealthy & prearm if enabled & prearm else None
     return {'unhealthy': unhealthy, 'battery': battery, 'ready': ready}
 
@@ -166,10 +169,17 @@ def _global_position(message: Any, now: float) -> dict[str, Any]:
     if message.lat == 0 and message.lon == 0:  # sent before there is a position
         return {'position': None}
     heading = math.radians(message.hdg / 100.0) if message.hdg <= 36000 else math.nan
-    return {'position': Position(
-        now, message.lat / 1e7, message.lon / 1e7, message.alt / 1000.0,
-        message.relative_alt / 1000.0,
-        (message.vy / 100.0, message.vx / 100.0, -message.vz / 100.0), heading)}
+    return {
+        'position': Position(
+            now,
+            message.lat / 1e7,
+            message.lon / 1e7,
+            message.alt / 1000.0,
+            message.relative_alt / 1000.0,
+            (message.vy / 100.0, message.vx / 100.0, -message.vz / 100.0),
+            heading,
+        )
+    }
 
 
 def _servo_output(message: Any, now: float) -> dict[str, Any]:

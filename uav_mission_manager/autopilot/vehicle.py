@@ -71,16 +71,20 @@ def commands(request: Request) -> tuple[Command, ...]:
     None of them changes the mode but SetMode: nothing else may take the vehicle from a pilot.
     """
     if isinstance(request, SetMode):
-        return (Command(mavlink.MAV_CMD_DO_SET_MODE, (
-            mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, request.mode, 0, 0, 0, 0, 0)),)
+        return (
+            Command(
+                mavlink.MAV_CMD_DO_SET_MODE,
+                (mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, request.mode, 0, 0, 0, 0, 0),
+            ),
+        )
     if isinstance(request, Arm):
         return (Command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1, 0, 0, 0, 0, 0, 0)),)
     if isinstance(request, TakeOff):
         return (Command(mavlink.MAV_CMD_NAV_TAKEOFF, (0, 0, 0, 0, 0, 0, request.height)),)
-    speed = Command(mavlink.MAV_CMD_DO_CHANGE_SPEED, (
-        GROUND_SPEED, request.speed, -1, 0, 0, 0, 0))
+    speed = Command(mavlink.MAV_CMD_DO_CHANGE_SPEED, (GROUND_SPEED, request.speed, -1, 0, 0, 0, 0))
     reposition = Command(
         mavlink.MAV_CMD_DO_REPOSITION,
         (-1, 0, 0, math.nan, request.latitude, request.longitude, request.height),
-        frame=mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
+        frame=mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+    )
     return speed, reposition

@@ -31,18 +31,29 @@ class BaseStation(Node):
         settings = declare(self, PARAMETERS)
         path = settings.mission or share_directory() / 'config' / 'case_study.yaml'
         self._goals = tuple(goal.name for goal in load_mission(path).goals)
-        row = Parameter('priorities', [0] * len(self._goals), 'Priority of each goal in mission '
-                        'order: 0 none, 1 low, 2 high', read_only=False)
+        row = Parameter(
+            'priorities',
+            [0] * len(self._goals),
+            'Priority of each goal in mission order: 0 none, 1 low, 2 high',
+            read_only=False,
+        )
         priorities = declare(self, (row,)).priorities
         reason = self._fault_in(priorities)
         if reason:
             raise ValueError(reason)
         self._publisher = self.create_publisher(
-            UInt8MultiArray, 'goal_priorities', qos.STATE_IN,
-            qos_overriding_options=qos.OVERRIDABLE)
+            UInt8MultiArray,
+            'goal_priorities',
+            qos.STATE_IN,
+            qos_overriding_options=qos.OVERRIDABLE,
+        )
         self.create_subscription(
-            String, 'goal_completed', self._on_completed, qos.EVENT,
-            qos_overriding_options=qos.OVERRIDABLE)
+            String,
+            'goal_completed',
+            self._on_completed,
+            qos.EVENT,
+            qos_overriding_options=qos.OVERRIDABLE,
+        )
         self._message: UInt8MultiArray | None = None
         if any(priorities):  # A station that restarts with none must not end a mission.
             self._request(priorities)
@@ -52,8 +63,10 @@ class BaseStation(Node):
 
     def _fault_in(self, priorities: Sequence[int]) -> str:
         if len(priorities) != len(self._goals):
-            return (f'parameter priorities: {len(priorities)} values, the mission has '
-                    f'{len(self._goals)} goals ({", ".join(self._goals)})')
+            return (
+                f'parameter priorities: {len(priorities)} values, the mission has '
+                f'{len(self._goals)} goals ({", ".join(self._goals)})'
+            )
         for goal, value in zip(self._goals, priorities, strict=True):
             if value not in (0, 1, 2):
                 return f'parameter priorities: {goal} is {value}, not 0, 1 or 2'
@@ -74,7 +87,8 @@ class BaseStation(Node):
         label = uuid.uuid4().hex
         self._message = UInt8MultiArray(data=priorities)
         self._message.layout.dim = [
-            MultiArrayDimension(label=label, size=len(priorities), stride=len(priorities))]
+            MultiArrayDimension(label=label, size=len(priorities), stride=len(priorities))
+        ]
         self.get_logger().info(f'priorities {list(priorities)}, request {label}')
         self._publish()
 

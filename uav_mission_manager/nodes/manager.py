@@ -30,12 +30,28 @@ Change = Callable[[Situation, Any, float], Situation]
 
 PARAMETERS = (
     Parameter('policy', '', 'Directory of the policy set; empty is the shipped case study'),
-    Parameter('input_timeout', 3.0, 'Age of battery, odom or fault mode above which the manager '
-              'falls silent [s]', 0.1, 60.0),
-    Parameter('range_hysteresis', 0.2, 'Margin by which a lost range flag must be exceeded to '
-              'come back (fraction)', 0.0, 1.0),
-    Parameter('epoch', 15.0, 'Longest stay in the cell of the goal committed to; above the time '
-              'from the edge of a cell to goal_completed [s]', 0.0, 600.0),
+    Parameter(
+        'input_timeout',
+        3.0,
+        'Age of battery, odom or fault mode above which the manager falls silent [s]',
+        0.1,
+        60.0,
+    ),
+    Parameter(
+        'range_hysteresis',
+        0.2,
+        'Margin by which a lost range flag must be exceeded to come back (fraction)',
+        0.0,
+        1.0,
+    ),
+    Parameter(
+        'epoch',
+        15.0,
+        'Longest stay in the cell of the goal committed to; above the time '
+        'from the edge of a cell to goal_completed [s]',
+        0.0,
+        600.0,
+    ),
     Parameter('rate', 1.0, 'Decision and repetition rate [Hz]', 1.0, 20.0),
 )
 
@@ -60,15 +76,17 @@ class Manager(Node):
         self._refused: dict[str, str] = {}
         self._create_outputs()
         self._create_inputs()
-        self.create_timer(1.0 / self._settings.rate, partial(self._step, repeat=True),
-                          clock=self._timer_clock)
+        self.create_timer(
+            1.0 / self._settings.rate, partial(self._step, repeat=True), clock=self._timer_clock
+        )
         self.create_timer(1.0, self._diagnose, clock=self._timer_clock)
         self.get_logger().info(f'policy {self._label}')
 
     def _create_outputs(self) -> None:
         def output(kind: Any, topic: str, profile: QoSProfile = qos.LATCHED) -> Publisher:
             return self.create_publisher(
-                kind, topic, profile, qos_overriding_options=qos.OVERRIDABLE)
+                kind, topic, profile, qos_overriding_options=qos.OVERRIDABLE
+            )
 
         self._command_out = output(String, 'mission_command')
         self._pose_out = output(PoseStamped, 'command_pose')
@@ -79,16 +97,24 @@ class Manager(Node):
 
     def _create_inputs(self) -> None:
         def heard(
-            topic: str, kind: Any, profile: QoSProfile, callback: Callable[[Any], object],
+            topic: str,
+            kind: Any,
+            profile: QoSProfile,
+            callback: Callable[[Any], object],
         ) -> None:
             self.create_subscription(
-                kind, topic, callback, profile, qos_overriding_options=qos.OVERRIDABLE)
+                kind, topic, callback, profile, qos_overriding_options=qos.OVERRIDABLE
+            )
 
         def state(topic: str, kind: Any, profile: QoSProfile, change: Change) -> None:
             heard(topic, kind, profile, partial(self._take, topic, change))
 
-        state('battery_state', BatteryState, qos.SENSOR,
-              lambda s, m, now: s.with_battery(m.percentage, now))
+        state(
+            'battery_state',
+            BatteryState,
+            qos.SENSOR,
+            lambda s, m, now: s.with_battery(m.percentage, now),
+        )
         state('odom', Odometry, qos.SENSOR, _with_odometry)
         state('fault_mode', String, qos.STATE_IN, lambda s, m, now: s.with_fault(m.data, now))
         state('threat_level', String, qos.STATE_IN, lambda s, m, now: s.with_threat(m.data, now))
@@ -123,8 +149,9 @@ class Manager(Node):
     def _step(self, repeat: bool = False) -> None:
         """Decide; publish what changed, or everything when it is time to `repeat`."""
         now, before = self._now(), self._outcome
-        outcome = decide(self._policy, self._situation, now,
-                         self._settings.input_timeout, self._settings.epoch)
+        outcome = decide(
+            self._policy, self._situation, now, self._settings.input_timeout, self._settings.epoch
+        )
         self._outcome = outcome
         if isinstance(outcome, Refusal):
             changed = self._command is not None
@@ -147,15 +174,20 @@ class Manager(Node):
             self.get_logger().info(f'{command}: {decision.reason}')
         self._command, self._silent_logged = command, False
         stamp = self.get_clock().now().to_msg()
-        self._pose_out.publish(reporting.cell_pose(
-            self._situation.mission.grid, decision.action.destination, stamp))
+        self._pose_out.publish(
+            reporting.cell_pose(self._situation.mission.grid, decision.action.destination, stamp)
+        )
         self._command_out.publish(String(data=command))
 
     def _explain(self, now: float) -> None:
         stamp = self.get_clock().now().to_msg()
         status = reporting.decision_status(
-            f'{self.get_fully_qualified_name()}: decision', self._outcome, self._situation, now,
-            self._policy.digest)
+            f'{self.get_fully_qualified_name()}: decision',
+            self._outcome,
+            self._situation,
+            now,
+            self._policy.digest,
+        )
         target = None if isinstance(self._outcome, Refusal) else self._outcome.action.destination
         self._decision_out.publish(DiagnosticArray(header=Header(stamp=stamp), status=[status]))
         self._goals_out.publish(UInt8MultiArray(data=self._situation.priorities))
@@ -168,19 +200,30 @@ class Manager(Node):
         missing = self._situation.missing(now, self._settings.input_timeout)
         ok, warn, error = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
         ages = self._situation.ages(now)
-        old = [f'{topic} {ages[topic]:.1f} s old, its last value kept' for topic in KEPT
-               if topic in ages and ages[topic] > self._settings.input_timeout]
+        old = [
+            f'{topic} {ages[topic]:.1f} s old, its last value kept'
+            for topic in KEPT
+            if topic in ages and ages[topic] > self._settings.input_timeout
+        ]
         statuses = [
             reporting.status(
-                warn if bad_policy else ok, f'{name}: policy', bad_policy or self._path,
-                digest=self._policy.digest, method=self._policy.method),
+                warn if bad_policy else ok,
+                f'{name}: policy',
+                bad_policy or self._path,
+                digest=self._policy.digest,
+                method=self._policy.method,
+            ),
             reporting.status(
-                warn if refused or old else ok, f'{name}: inputs',
+                warn if refused or old else ok,
+                f'{name}: inputs',
                 '; '.join([*refused.values(), *old]) or 'all good',
-                **{topic: f'{age:.2f} s' for topic, age in ages.items()}),
+                **{topic: f'{age:.2f} s' for topic, age in ages.items()},
+            ),
             reporting.status(
-                error if missing else ok, f'{name}: link',
-                'link lost: ' + ', '.join(missing) if missing else 'all inputs fresh'),
+                error if missing else ok,
+                f'{name}: link',
+                'link lost: ' + ', '.join(missing) if missing else 'all inputs fresh',
+            ),
         ]
         stamp = self.get_clock().now().to_msg()
         self._diagnostics_out.publish(DiagnosticArray(header=Header(stamp=stamp), status=statuses))

@@ -54,10 +54,16 @@ PARAMETERS = (
     Parameter('acceptance_radius', FLIGHT.acceptance_radius, 'On site within [m]', 0.1, 1000.0),
     Parameter('goal_dwell', FLIGHT.goal_dwell, 'A goal is completed after [s]', 0.0, 3600.0),
     Parameter('service_time', FLIGHT.service_time, 'A repair takes [s]', 0.0, 3600.0),
-    Parameter('manager_timeout', FLIGHT.manager_timeout, 'Hold without mission command for [s]',
-              1.5, 600.0),
-    Parameter('rtl_delay', FLIGHT.rtl_delay, 'Return to launch after holding so for [s]',
-              0.0, 3600.0),
+    Parameter(
+        'manager_timeout',
+        FLIGHT.manager_timeout,
+        'Hold without mission command for [s]',
+        1.5,
+        600.0,
+    ),
+    Parameter(
+        'rtl_delay', FLIGHT.rtl_delay, 'Return to launch after holding so for [s]', 0.0, 3600.0
+    ),
     Parameter('allow_arming', FLIGHT.allow_arming, 'Whether to arm and take off'),
 )
 
@@ -78,14 +84,21 @@ class MavlinkBridge(Node):
         self._origin = _origin(self._mission, path)
         self._command_timeout = p.manager_timeout
         grid = self._mission.grid
-        self._pilot = Pilot(Settings(
-            landed_radius=max(p.acceptance_radius, grid.cell_size / 2.0),
-            reach=2.0 * math.hypot(grid.rows, grid.cols) * grid.cell_size,
-            **{name: value for name, value in vars(p).items() if hasattr(FLIGHT, name)}))
+        self._pilot = Pilot(
+            Settings(
+                landed_radius=max(p.acceptance_radius, grid.cell_size / 2.0),
+                reach=2.0 * math.hypot(grid.rows, grid.cols) * grid.cell_size,
+                **{name: value for name, value in vars(p).items() if hasattr(FLIGHT, name)},
+            )
+        )
         self._faults = FaultEstimator(p.effectiveness_threshold)
         self._link = Link(
-            p.connection, source_system=p.source_system, source_component=p.source_component,
-            target_system=p.target_system, timeout=p.link_timeout)
+            p.connection,
+            source_system=p.source_system,
+            source_component=p.source_component,
+            target_system=p.target_system,
+            timeout=p.link_timeout,
+        )
         self._telemetry = Telemetry()
         self._step = Step(Phase.NO_LINK, 'no heartbeat of the autopilot yet')
         self._pose_cell: int | None = None
@@ -99,7 +112,8 @@ class MavlinkBridge(Node):
     def _connect(self) -> None:
         def publisher(kind: Any, topic: str, profile: Any) -> Any:
             return self.create_publisher(
-                kind, topic, profile, qos_overriding_options=qos.OVERRIDABLE)
+                kind, topic, profile, qos_overriding_options=qos.OVERRIDABLE
+            )
 
         self._battery_state = publisher(BatteryState, 'battery_state', qos.SENSOR)
         self._odom = publisher(Odometry, 'odom', qos.SENSOR)
@@ -110,10 +124,12 @@ class MavlinkBridge(Node):
         # The manager's pose comes before its command, and of two that are here the first
         # subscription is served first.
         for kind, topic, callback in (
-                (PoseStamped, 'command_pose', self._on_pose),
-                (String, 'mission_command', self._on_command)):
+            (PoseStamped, 'command_pose', self._on_pose),
+            (String, 'mission_command', self._on_command),
+        ):
             self.create_subscription(
-                kind, topic, callback, qos.LATCHED, qos_overriding_options=qos.OVERRIDABLE)
+                kind, topic, callback, qos.LATCHED, qos_overriding_options=qos.OVERRIDABLE
+            )
         self.create_service(Trigger, '~/hold', self._on_hold)
         self.create_service(Trigger, '~/resume', self._on_resume)
         self.create_timer(POLL_PERIOD, self._poll, clock=self._safety_clock)
@@ -146,8 +162,10 @@ class MavlinkBridge(Node):
             self._complaint, self._command, self._commanded_at = '', message.data, now
             self._pilot.command(self._task(action), now)
         elif repeated:  # Else the pose may still be on its way.
-            self._refuse('command_pose is not the destination of mission_command in '
-                         f'{self._mission.name}: the manager has another mission; not flown')
+            self._refuse(
+                'command_pose is not the destination of mission_command in '
+                f'{self._mission.name}: the manager has another mission; not flown'
+            )
 
     def _on_pose(self, message: PoseStamped) -> None:
         if message.header.frame_id == 'map':
@@ -164,9 +182,13 @@ class MavlinkBridge(Node):
     def _task(self, action: Action) -> Task:
         point = self._mission.grid.position(action.destination)
         return Task(
-            self._command, *self._origin.to_geodetic(*point), agile=action.agile,
+            self._command,
+            *self._origin.to_geodetic(*point),
+            agile=action.agile,
             goal=self._mission.goals[action.goal - 1].name if action.goal else '',
-            land=not action.goal and not action.agile, service=action.kind == 'repair')
+            land=not action.goal and not action.agile,
+            service=action.kind == 'repair',
+        )
 
     def _on_hold(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._step.phase is Phase.PILOT:
@@ -236,11 +258,11 @@ class MavlinkBridge(Node):
         if position and position is not last.position:
             self._odom.publish(odometry(position, self._origin, stamp))
             self._global_position.publish(
-                nav_sat_fix(position, (telemetry.fix_type or 0) >= FIX_3D, stamp))
+                nav_sat_fix(position, (telemetry.fix_type or 0) >= FIX_3D, stamp)
+            )
         age = self._link.component_age(CAMERA, now)
         fault = self._faults.update(telemetry, age, now)
-        if fault is not None and (
-                fault != self._fault or now - self._fault_at >= FAULT_PERIOD):
+        if fault is not None and (fault != self._fault or now - self._fault_at >= FAULT_PERIOD):
             self._fault_mode.publish(String(data=FAULT_MODES[fault]))
             self._fault_at = now
         if fault not in (None, self._fault):
@@ -259,9 +281,13 @@ class MavlinkBridge(Node):
         level = DiagnosticStatus.WARN if phase in WARNING_PHASES else DiagnosticStatus.OK
         age = self._now() - self._commanded_at
         values = {
-            'link': 'up' if self._link.up else 'lost', 'link_error': self._link.error,
-            'system': self._link.target_system, 'mode': mode_name(telemetry.mode),
-            'armed': telemetry.armed, 'phase': phase.value, 'command': self._command,
+            'link': 'up' if self._link.up else 'lost',
+            'link_error': self._link.error,
+            'system': self._link.target_system,
+            'mode': mode_name(telemetry.mode),
+            'armed': telemetry.armed,
+            'phase': phase.value,
+            'command': self._command,
             'command_refused': self._complaint,
             'command_age': f'{age:.1f}' if self._command else '',
             'fault_mode': '' if self._fault is None else FAULT_MODES[self._fault],
@@ -271,7 +297,9 @@ class MavlinkBridge(Node):
         report = status(
             level if self._link.up else DiagnosticStatus.ERROR,
             f'{self.get_fully_qualified_name()}: autopilot',
-            f'{phase.value}: {self._step.status}', **values)
+            f'{phase.value}: {self._step.status}',
+            **values,
+        )
         report.hardware_id = f'MAVLink system {self._link.target_system}'
         header = Header(stamp=self.get_clock().now().to_msg())
         self._diagnostics.publish(DiagnosticArray(header=header, status=[report]))
@@ -289,12 +317,21 @@ def _origin(mission: Mission, path: Any) -> Origin:
 def battery_state(battery: Battery, stamp: Any) -> BatteryState:
     """Return the ROS message; its current is negative while discharging."""
     message = BatteryState(
-        voltage=battery.voltage, current=-battery.current, percentage=battery.charge,
-        temperature=math.nan, charge=math.nan, capacity=math.nan, design_capacity=math.nan,
-        power_supply_status=BatteryState.POWER_SUPPLY_STATUS_UNKNOWN, present=True)
+        voltage=battery.voltage,
+        current=-battery.current,
+        percentage=battery.charge,
+        temperature=math.nan,
+        charge=math.nan,
+        capacity=math.nan,
+        design_capacity=math.nan,
+        power_supply_status=BatteryState.POWER_SUPPLY_STATUS_UNKNOWN,
+        present=True,
+    )
     message.power_supply_health = (
-        BatteryState.POWER_SUPPLY_HEALTH_GOOD if battery.healthy
-        else BatteryState.POWER_SUPPLY_HEALTH_UNSPEC_FAILURE)
+        BatteryState.POWER_SUPPLY_HEALTH_GOOD
+        if battery.healthy
+        else BatteryState.POWER_SUPPLY_HEALTH_UNSPEC_FAILURE
+    )
     message.header.stamp = stamp
     return message
 
@@ -319,7 +356,8 @@ def odometry(position: Position, origin: Origin, stamp: Any) -> Odometry:
 def nav_sat_fix(position: Position, has_fix: bool, stamp: Any) -> NavSatFix:
     """Return the geographic position; its altitude is above mean sea level."""
     message = NavSatFix(
-        latitude=position.latitude, longitude=position.longitude, altitude=position.altitude)
+        latitude=position.latitude, longitude=position.longitude, altitude=position.altitude
+    )
     message.status.status = NavSatStatus.STATUS_FIX if has_fix else NavSatStatus.STATUS_NO_FIX
     message.header.frame_id, message.header.stamp = 'base_link', stamp
     return message

@@ -32,15 +32,18 @@ class Parameter:
     def descriptor(self) -> ParameterDescriptor:
         """Return what `ros2 param describe` shows; rclpy enforces the range."""
         message = ParameterDescriptor(
-            name=self.name, description=self.description, read_only=self.read_only)
+            name=self.name, description=self.description, read_only=self.read_only
+        )
         if self.minimum is None or self.maximum is None:
             return message
         if isinstance(self.default, float):
             message.floating_point_range = [
-                FloatingPointRange(from_value=float(self.minimum), to_value=float(self.maximum))]
+                FloatingPointRange(from_value=float(self.minimum), to_value=float(self.maximum))
+            ]
         else:
             message.integer_range = [
-                IntegerRange(from_value=int(self.minimum), to_value=int(self.maximum))]
+                IntegerRange(from_value=int(self.minimum), to_value=int(self.maximum))
+            ]
         return message
 
 
@@ -69,7 +72,8 @@ def _refuse_nan(parameters: Iterable[Any]) -> SetParametersResult:
     for parameter in parameters:
         if _has_nan(parameter.value):
             return SetParametersResult(
-                successful=False, reason=f'parameter {parameter.name}: NaN is not a number')
+                successful=False, reason=f'parameter {parameter.name}: NaN is not a number'
+            )
     return SetParametersResult(successful=True)
 
 
@@ -77,5 +81,8 @@ def _has_nan(value: Any) -> bool:
     if isinstance(value, float):
         return math.isnan(value)
     # Parameter arrays arrive as lists or array.array; strings have no numbers in them.
-    return not isinstance(value, (str, bytes)) and isinstance(value, Iterable) and any(
-        _has_nan(item) for item in value)
+    return (
+        not isinstance(value, (str, bytes))
+        and isinstance(value, Iterable)
+        and any(_has_nan(item) for item in value)
+    )

@@ -7,7 +7,9 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 
 def _profile(
-    reliability: ReliabilityPolicy, durability: DurabilityPolicy, depth: int,
+    reliability: ReliabilityPolicy,
+    durability: DurabilityPolicy,
+    depth: int,
 ) -> QoSProfile:
     return QoSProfile(reliability=reliability, durability=durability, depth=depth)
 
@@ -19,7 +21,11 @@ LATCHED = _profile(ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL,
 RELIABLE = _profile(ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE, 10)
 
 # Pass as `qos_overriding_options`: qos_overrides./topic.publisher.depth and so on.
-OVERRIDABLE = QoSOverridingOptions([
-    QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH,
-    QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY,
-])
+OVERRIDABLE = QoSOverridingOptions(
+    [
+        QoSPolicyKind.HISTORY,
+        QoSPolicyKind.DEPTH,
+        QoSPolicyKind.RELIABILITY,
+        QoSPolicyKind.DURABILITY,
+    ]
+)

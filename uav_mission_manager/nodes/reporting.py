@@ -29,7 +29,11 @@ def status(level: bytes, name: str, message: str, **values: object) -> Diagnosti
 
 
 def decision_status(
-    name: str, outcome: Decision | Refusal, situation: Situation, now: float, digest: str,
+    name: str,
+    outcome: Decision | Refusal,
+    situation: Situation,
+    now: float,
+    digest: str,
 ) -> DiagnosticStatus:
     """Why the manager decided so, or did not decide."""
     ages = {f'age {topic} [s]': f'{age:.2f}' for topic, age in situation.ages(now).items()}
@@ -38,7 +42,9 @@ def decision_status(
     mission = situation.mission
     runner_up = outcome.runner_up
     return status(
-        DiagnosticStatus.OK, name, outcome.reason,
+        DiagnosticStatus.OK,
+        name,
+        outcome.reason,
         state=' '.join(map(str, outcome.state)),
         command=format_command(mission, outcome.action),
         action=outcome.action.number,

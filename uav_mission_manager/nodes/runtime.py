@@ -32,7 +32,9 @@ def safety_clock(node: Node) -> Clock:
 
 
 def run(
-    node_class: Callable[[], Node], table: tuple[Parameter, ...], args: list[str] | None = None,
+    node_class: Callable[[], Node],
+    table: tuple[Parameter, ...],
+    args: list[str] | None = None,
 ) -> int:
     """Spin a `node_class()` with the parameters of `table` until the process is asked to stop.
 

@@ -18,12 +18,24 @@ from uav_mission_manager.paths import share_directory
 from uav_mission_manager.policy import DEFAULT
 
 PARAMETERS = (
-    Parameter('mission', '', 'Mission file, read at every build; empty is the shipped case study',
-              read_only=False),
-    Parameter('method', DEFAULT, 'exact, expansion, split, highest_priority '
-              'or best_value', read_only=False),
-    Parameter('out', '', 'Directory of the policy set; empty is uav_mission_manager/MISSION in '
-              'ROS_HOME (~/.ros)', read_only=False),
+    Parameter(
+        'mission',
+        '',
+        'Mission file, read at every build; empty is the shipped case study',
+        read_only=False,
+    ),
+    Parameter(
+        'method',
+        DEFAULT,
+        'exact, expansion, split, highest_priority or best_value',
+        read_only=False,
+    ),
+    Parameter(
+        'out',
+        '',
+        'Directory of the policy set; empty is uav_mission_manager/MISSION in ROS_HOME (~/.ros)',
+        read_only=False,
+    ),
 )
 
 
@@ -34,7 +46,8 @@ class Solver(Node):
         super().__init__('solver')
         declare(self, PARAMETERS)
         self._publisher = self.create_publisher(
-            String, 'policy_set', qos.LATCHED, qos_overriding_options=qos.OVERRIDABLE)
+            String, 'policy_set', qos.LATCHED, qos_overriding_options=qos.OVERRIDABLE
+        )
         self.create_service(Trigger, '~/build', self._on_build)
 
     def _on_build(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -50,8 +63,7 @@ class Solver(Node):
         return response
 
     def _build(self) -> tuple[Path, str]:
-        mission_file, method, out = (
-            self.get_parameter(row.name).value for row in PARAMETERS)
+        mission_file, method, out = (self.get_parameter(row.name).value for row in PARAMETERS)
         mission = load_mission(mission_file or share_directory() / 'config' / 'case_study.yaml')
         self.get_logger().info(f'building {mission.name}, method {method}')
         start = self.get_clock().now()

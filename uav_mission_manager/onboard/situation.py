@@ -107,14 +107,16 @@ class Situation:
         values = tuple(values)
         if len(values) != self.mission.k:
             raise InputError(
-                f'goal_priorities: data has {len(values)} values, not {self.mission.k}')
+                f'goal_priorities: data has {len(values)} values, not {self.mission.k}'
+            )
         for goal, value in zip(self.mission.goals, values, strict=True):
             if value not in (0, 1, 2):
                 raise InputError(f'goal_priorities: {goal.name} is {value}, not 0, 1 or 2')
         if request and request == self.request:
             return self._heard('goal_priorities', now)
         return self._heard(
-            'goal_priorities', now, priorities=values, request=request or self.request)
+            'goal_priorities', now, priorities=values, request=request or self.request
+        )
 
     def with_completed(self, name: str) -> Situation:
         """Take a goal off the list; c returns to 0 when it was committed to."""
@@ -150,8 +152,15 @@ class Situation:
     @property
     def state(self) -> tuple[int, ...]:
         """The MDP state `[f r.. g.. l c t m]`."""
-        return (self.fault, *self.in_range, *self.priorities, self.cell,
-                self.commitment, self.threat, int(self.agile))
+        return (
+            self.fault,
+            *self.in_range,
+            *self.priorities,
+            self.cell,
+            self.commitment,
+            self.threat,
+            int(self.agile),
+        )
 
     def ages(self, now: float) -> dict[str, float]:
         """Age [s] of the last good message of every topic heard."""
@@ -181,12 +190,17 @@ class Situation:
             return self
         distances = way_home(self.mission, self.position)
         flags = range_flags(
-            self.mission.energy, self.charge, distances, self.in_range, self.hysteresis)
+            self.mission.energy, self.charge, distances, self.in_range, self.hysteresis
+        )
         return replace(self, in_range=flags)
 
 
 def decide(
-    policy: Policy, situation: Situation, now: float, timeout: float, epoch: float,
+    policy: Policy,
+    situation: Situation,
+    now: float,
+    timeout: float,
+    epoch: float,
 ) -> Decision | Refusal:
     """Decide on a situation, or refuse for want of inputs fresher than `timeout` [s].
 

@@ -38,8 +38,13 @@ class Command:
         if message.get_type() == 'COMMAND_INT':
             return cls(params, message.x / 1e7, message.y / 1e7, message.z, message.frame, True)
         return cls(
-            params, message.param5, message.param6, message.param7,
-            mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, False)
+            params,
+            message.param5,
+            message.param6,
+            message.param7,
+            mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+            False,
+        )
 
     def integer(self, index: int) -> int:
         """Param `index` (from 1) as an integer, -1 if it is not finite."""

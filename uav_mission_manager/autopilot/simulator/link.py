@@ -50,7 +50,8 @@ class Link:
     def due(self, now: float) -> list[int]:
         """Messages to send now; each counts as sent, and is due again one interval later."""
         ready = [
-            message for message, interval in self._interval.items()
+            message
+            for message, interval in self._interval.items()
             if interval > 0.0 and now >= self._due[message] - 1e-9
         ]
         for message in ready:

@@ -23,19 +23,21 @@ ALWAYS_HEALTHY = (
 )
 CHECKED: dict[int, Callable[[Flight], bool]] = {
     mavlink.MAV_SYS_STATUS_AHRS: lambda flight: flight.booted,
-    mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG:
-        lambda flight: not flight.parameters['SIM_MAG1_FAIL'],
-    mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE:
-        lambda flight: not flight.parameters['SIM_BARO_DISABLE'],
+    mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG: lambda flight: not flight.parameters['SIM_MAG1_FAIL'],
+    mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE: lambda flight: (
+        not flight.parameters['SIM_BARO_DISABLE']
+    ),
     mavlink.MAV_SYS_STATUS_SENSOR_BATTERY: lambda flight: flight.battery.level == 0,
     mavlink.MAV_SYS_STATUS_SENSOR_PROPULSION: lambda flight: not flight.thrust_loss,
-    mavlink.MAV_SYS_STATUS_PREARM_CHECK:
-        lambda flight: flight.armed or not flight.arming_faults(),
+    mavlink.MAV_SYS_STATUS_PREARM_CHECK: lambda flight: flight.armed or not flight.arming_faults(),
 }
 EKF_ALWAYS = mavlink.EKF_ATTITUDE | mavlink.EKF_VELOCITY_VERT | mavlink.EKF_POS_VERT_ABS
 EKF_POSITION = (
-    mavlink.EKF_VELOCITY_HORIZ | mavlink.EKF_POS_HORIZ_REL | mavlink.EKF_POS_HORIZ_ABS
-    | mavlink.EKF_PRED_POS_HORIZ_REL | mavlink.EKF_PRED_POS_HORIZ_ABS
+    mavlink.EKF_VELOCITY_HORIZ
+    | mavlink.EKF_POS_HORIZ_REL
+    | mavlink.EKF_POS_HORIZ_ABS
+    | mavlink.EKF_PRED_POS_HORIZ_REL
+    | mavlink.EKF_PRED_POS_HORIZ_ABS
 )
 
 
@@ -54,25 +56,50 @@ def heartbeat(flight: Flight) -> Any:
     if flight.failsafe:
         state = mavlink.MAV_STATE_CRITICAL
     return mavlink.MAVLink_heartbeat_message(
-        mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, base, flight.mode,
-        state, 3)
+        mavlink.MAV_TYPE_QUADROTOR,
+        mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
+        base,
+        flight.mode,
+        state,
+        3,
+    )
 
 
 def _sys_status(flight: Flight) -> Any:
     present = ALWAYS_HEALTHY | sum(CHECKED)
     health = ALWAYS_HEALTHY | sum(bit for bit, check in CHECKED.items() if check(flight))
     return mavlink.MAVLink_sys_status_message(
-        present, present, health, 150, _millivolts(flight), _centiamperes(flight),
-        _percent(flight), 0, 0, 0, 0, 0, 0)
+        present,
+        present,
+        health,
+        150,
+        _millivolts(flight),
+        _centiamperes(flight),
+        _percent(flight),
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+    )
 
 
 def _battery_status(flight: Flight) -> Any:
     battery = flight.body.battery
     return mavlink.MAVLink_battery_status_message(
-        0, mavlink.MAV_BATTERY_FUNCTION_UNKNOWN, mavlink.MAV_BATTERY_TYPE_UNKNOWN, 32767,
-        [_millivolts(flight)] + [UNKNOWN_16] * 9, _centiamperes(flight),
-        round(battery.consumed * 1000.0), round(battery.energy / 100.0), _percent(flight), 0,
-        mavlink.MAV_BATTERY_CHARGE_STATE_OK + flight.battery.level)
+        0,
+        mavlink.MAV_BATTERY_FUNCTION_UNKNOWN,
+        mavlink.MAV_BATTERY_TYPE_UNKNOWN,
+        32767,
+        [_millivolts(flight)] + [UNKNOWN_16] * 9,
+        _centiamperes(flight),
+        round(battery.consumed * 1000.0),
+        round(battery.energy / 100.0),
+        _percent(flight),
+        0,
+        mavlink.MAV_BATTERY_CHARGE_STATE_OK + flight.battery.level,
+    )
 
 
 def _gps_raw(flight: Flight) -> Any:
@@ -80,48 +107,74 @@ def _gps_raw(flight: Flight) -> Any:
     latitude, longitude = _place(flight) if flight.gps_fix else (0, 0)
     speed, course = cmath.polar(flight.body.velocity)
     return mavlink.MAVLink_gps_raw_int_message(
-        _microseconds(flight), fix, latitude, longitude, _altitude(flight),
-        121 if flight.gps_fix else 9999, 200, round(speed * 100.0), _centidegrees(course),
-        10 if flight.gps_fix else 0)
+        _microseconds(flight),
+        fix,
+        latitude,
+        longitude,
+        _altitude(flight),
+        121 if flight.gps_fix else 9999,
+        200,
+        round(speed * 100.0),
+        _centidegrees(course),
+        10 if flight.gps_fix else 0,
+    )
 
 
 def _global_position(flight: Flight) -> Any:
     body = flight.body
     latitude, longitude = _place(flight) if flight.booted else (0, 0)
     return mavlink.MAVLink_global_position_int_message(
-        _milliseconds(flight), latitude, longitude, _altitude(flight),
-        round((body.altitude - flight.home.altitude) * 1000.0), round(body.velocity.real * 100.0),
-        round(body.velocity.imag * 100.0), round(-body.climb * 100.0),
-        _centidegrees(body.heading))
+        _milliseconds(flight),
+        latitude,
+        longitude,
+        _altitude(flight),
+        round((body.altitude - flight.home.altitude) * 1000.0),
+        round(body.velocity.real * 100.0),
+        round(body.velocity.imag * 100.0),
+        round(-body.climb * 100.0),
+        _centidegrees(body.heading),
+    )
 
 
 def _local_position(flight: Flight) -> Any:
     body = flight.body
     return mavlink.MAVLink_local_position_ned_message(
-        _milliseconds(flight), body.position.real, body.position.imag, -body.altitude,
-        body.velocity.real, body.velocity.imag, -body.climb)
+        _milliseconds(flight),
+        body.position.real,
+        body.position.imag,
+        -body.altitude,
+        body.velocity.real,
+        body.velocity.imag,
+        -body.climb,
+    )
 
 
 def _attitude(flight: Flight) -> Any:
     lean = flight.body.tilt * cmath.exp(-1j * flight.body.heading)
     yaw = math.remainder(flight.body.heading, math.tau)
     return mavlink.MAVLink_attitude_message(
-        _milliseconds(flight), lean.imag, -lean.real, yaw, 0.0, 0.0, 0.0)
+        _milliseconds(flight), lean.imag, -lean.real, yaw, 0.0, 0.0, 0.0
+    )
 
 
 def _vfr_hud(flight: Flight) -> Any:
     body = flight.body
     throttle = sum(pwm - OFF_PWM for pwm in body.motors) / (4.0 * MAX_SPAN) * 100.0
     return mavlink.MAVLink_vfr_hud_message(
-        abs(body.velocity - flight.wind), abs(body.velocity),
-        int(math.degrees(body.heading)) % 360, round(throttle) if flight.armed else 0,
-        flight.origin.altitude + body.altitude, body.climb)
+        abs(body.velocity - flight.wind),
+        abs(body.velocity),
+        int(math.degrees(body.heading)) % 360,
+        round(throttle) if flight.armed else 0,
+        flight.origin.altitude + body.altitude,
+        body.climb,
+    )
 
 
 def _servo_output(flight: Flight) -> Any:
     outputs = (round(pwm) for pwm in flight.body.motors)
     return mavlink.MAVLink_servo_output_raw_message(
-        _microseconds(flight) % 2**32, 0, *outputs, 0, 0, 0, 0)
+        _microseconds(flight) % 2**32, 0, *outputs, 0, 0, 0, 0
+    )
 
 
 def _extended_sys_state(flight: Flight) -> Any:
@@ -139,22 +192,32 @@ def _ekf_status(flight: Flight) -> Any:
     flags = EKF_ALWAYS | (EKF_POSITION if flight.position_ok else mavlink.EKF_CONST_POS_MODE)
     compass = 1.5 if flight.parameters['SIM_MAG1_FAIL'] else 0.05
     return mavlink.MAVLink_ekf_status_report_message(
-        flags if flight.booted else mavlink.EKF_UNINITIALIZED, 0.05, 0.05, 0.05, compass, 0.0)
+        flags if flight.booted else mavlink.EKF_UNINITIALIZED, 0.05, 0.05, 0.05, compass, 0.0
+    )
 
 
 def _home_position(flight: Flight) -> Any:
     home = flight.home
     latitude, longitude = flight.origin.to_geodetic(home.position)
     return mavlink.MAVLink_home_position_message(
-        round(latitude * 1e7), round(longitude * 1e7),
-        round((flight.origin.altitude + home.altitude) * 1000.0), home.position.real,
-        home.position.imag, -home.altitude, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0,
-        _microseconds(flight))
+        round(latitude * 1e7),
+        round(longitude * 1e7),
+        round((flight.origin.altitude + home.altitude) * 1000.0),
+        home.position.real,
+        home.position.imag,
+        -home.altitude,
+        [1.0, 0.0, 0.0, 0.0],
+        0.0,
+        0.0,
+        0.0,
+        _microseconds(flight),
+    )
 
 
 def _wind(flight: Flight) -> Any:
     return mavlink.MAVLink_wind_message(
-        math.remainder(flight.parameters['SIM_WIND_DIR'], 360.0), abs(flight.wind), 0.0)
+        math.remainder(flight.parameters['SIM_WIND_DIR'], 360.0), abs(flight.wind), 0.0
+    )
 
 
 def _system_time(flight: Flight) -> Any:
@@ -164,13 +227,15 @@ def _system_time(flight: Flight) -> Any:
 
 def _autopilot_version(_flight: Flight) -> Any:
     capabilities = (
-        mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+        mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
+        | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
         | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
         | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
     )
     version = 4 << 24 | 7 << 16  # 4.7.0-dev
     return mavlink.MAVLink_autopilot_version_message(
-        capabilities, version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0)
+        capabilities, version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0
+    )
 
 
 def timesync(flight: Flight) -> Any:

@@ -117,7 +117,8 @@ class Multirotor:
             effort = sum(pwm - OFF_PWM for pwm in self.motors) / (4.0 * HOVER_SPAN)
             power = HOVER_POWER * effort**1.5 + DRAG_POWER * airspeed**3
         self.battery.drain(
-            power + AVIONICS_POWER, dt, conditions.capacity, conditions.forced_voltage)
+            power + AVIONICS_POWER, dt, conditions.capacity, conditions.forced_voltage
+        )
 
     def _move_vertically(
         self, dt: float, demand: Demand | None, load: float, conditions: Conditions

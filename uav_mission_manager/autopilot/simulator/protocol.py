@@ -60,13 +60,19 @@ class Autopilot:
 
     def _send_camera_heartbeat(self) -> None:
         for link in self._links:
-            link.send_as_camera(mavlink.MAVLink_heartbeat_message(
-                mavlink.MAV_TYPE_CAMERA, mavlink.MAV_AUTOPILOT_INVALID, 0, 0,
-                mavlink.MAV_STATE_ACTIVE, 3))
+            link.send_as_camera(
+                mavlink.MAVLink_heartbeat_message(
+                    mavlink.MAV_TYPE_CAMERA,
+                    mavlink.MAV_AUTOPILOT_INVALID,
+                    0,
+                    0,
+                    mavlink.MAV_STATE_ACTIVE,
+                    3,
+                )
+            )
 
     def _command(self, link: Link, message: Any) -> None:
-        result = commands.run(
-            self.flight, link, message.command, commands.Command.of(message))
+        result = commands.run(self.flight, link, message.command, commands.Command.of(message))
         self._acknowledge(link, message, message.command, result)
 
     def _set_mode(self, link: Link, message: Any) -> None:
@@ -79,21 +85,27 @@ class Autopilot:
         self._acknowledge(link, message, mavlink.MAVLINK_MSG_ID_SET_MODE, result)
 
     def _acknowledge(self, link: Link, message: Any, command: int, result: int) -> None:
-        link.send(mavlink.MAVLink_command_ack_message(
-            command, result, 0, 0, message.get_srcSystem(), message.get_srcComponent()))
+        link.send(
+            mavlink.MAVLink_command_ack_message(
+                command, result, 0, 0, message.get_srcSystem(), message.get_srcComponent()
+            )
+        )
 
     def _position_target(self, _link: Link, message: Any) -> None:
         """Fly to the target; there is no answer, whatever becomes of it."""
         target = commands.place(
-            self.flight, message.lat_int / 1e7, message.lon_int / 1e7, message.alt,
-            message.coordinate_frame)
+            self.flight,
+            message.lat_int / 1e7,
+            message.lon_int / 1e7,
+            message.alt,
+            message.coordinate_frame,
+        )
         if target is not None and not message.type_mask & IGNORE_POSITION:
             self.flight.go_to(*target)
 
     def _timesync(self, link: Link, message: Any) -> None:
         if message.tc1 == 0:
-            link.send(mavlink.MAVLink_timesync_message(
-                round(self.flight.time * 1e9), message.ts1))
+            link.send(mavlink.MAVLink_timesync_message(round(self.flight.time * 1e9), message.ts1))
 
     def _read_parameter(self, link: Link, message: Any) -> None:
         names = list(self.flight.parameters)
@@ -122,8 +134,11 @@ class Autopilot:
         value = self.flight.parameters[name]
         if name == 'SIM_BATT_PCT':
             value = self.flight.body.battery.charge * 100.0
-        link.send(mavlink.MAVLink_param_value_message(
-            name.encode(), value, TABLE[name].type, len(TABLE), index))
+        link.send(
+            mavlink.MAVLink_param_value_message(
+                name.encode(), value, TABLE[name].type, len(TABLE), index
+            )
+        )
 
 
 _HANDLERS: dict[str, Callable[[Autopilot, Link, Any], None]] = {

@@ -83,7 +83,10 @@ def main(args: list[str] | None = None) -> int:
 
 
 def _fly(
-    title: str, script: Callable[[Flight], Iterator[Wait]], mission: Mission, logs: Path,
+    title: str,
+    script: Callable[[Flight], Iterator[Wait]],
+    mission: Mission,
+    logs: Path,
     speedup: float,
 ) -> Outcome:
     """Fly one mission with a chain of its own."""

@@ -54,13 +54,15 @@ class View:
         self.rows.append(row)
         if self._live is None:
             epoch, state, command, reason, where = row
-            print(f'{epoch:>4}  {state:<23}  {command:<20}  {reason:<70}  {where}'.rstrip(),
-                  flush=True)
+            print(
+                f'{epoch:>4}  {state:<23}  {command:<20}  {reason:<70}  {where}'.rstrip(),
+                flush=True,
+            )
             return
         table = Table(title=self.title, expand=True)
         for heading in ('epoch', 'state [f r g l c t m]', 'command', 'reason', 'position'):
             # On a narrow terminal it is the reason that is cut.
             table.add_column(heading, no_wrap=True, ratio=1 if heading == 'reason' else None)
-        for shown in self.rows[-max(self.console.height - FRAME, 1):]:
+        for shown in self.rows[-max(self.console.height - FRAME, 1) :]:
             table.add_row(*shown)
         self._live.update(table, refresh=True)
