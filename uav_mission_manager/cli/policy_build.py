@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import time
-from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
@@ -15,14 +14,16 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemaining
 from uav_mission_manager.cli.errors import one_line_errors
 from uav_mission_manager.mdp import load_mission
 from uav_mission_manager.policy import (
-    DEFAULT,
-    NAMES,
-    ORDER,
+    DEFAULT_METHOD,
+    DEFAULT_ORDER,
+    METHODS,
     Checkpoint,
     Policy,
     build_policy,
 )
-from uav_mission_manager.solver import PRECISIONS
+from uav_mission_manager.solver.exact import PRECISIONS
+from uav_mission_manager.solver.progress import Progress as ProgressProtocol
+from uav_mission_manager.solver.progress import Report
 
 
 def main(args: list[str] | None = None) -> int:
@@ -32,19 +33,25 @@ def main(args: list[str] | None = None) -> int:
     )
     parser.add_argument('mission', help='mission file (YAML)')
     parser.add_argument('--out', required=True, help='directory of the policy set')
-    parser.add_argument('--method', choices=NAMES, default=DEFAULT, help='default: %(default)s')
+    parser.add_argument(
+        '--method',
+        choices=METHODS,
+        default=DEFAULT_METHOD,
+        help='auto: exact where that fits in memory and takes less than two minutes, else '
+        'expansion; default: %(default)s',
+    )
     parser.add_argument(
         '--order',
         type=int,
-        default=ORDER,
-        help='expansion: most goals looked at together in full; a mission of no more is solved '
-        'exactly; default: %(default)s',
+        default=DEFAULT_ORDER,
+        help='expansion: most goals looked at together in full; default: %(default)s',
     )
     parser.add_argument(
         '--max-states',
         type=int,
         metavar='T',
-        help='T_max: most states of a cluster of goals; default: those of ORDER goals',
+        help='T_max: most states of a sub-MDP. exact: solve block by block, in files; expansion: '
+        'default: the states of ORDER goals',
     )
     parser.add_argument(
         '--certificate',
@@ -116,7 +123,7 @@ def _solve(options: argparse.Namespace) -> Policy:
             mission,
             options.method,
             options.tolerance,
-            _bar(progress, options),
+            _bars(progress),
             order=options.order,
             max_states=options.max_states,
             certificate=options.certificate,
@@ -131,46 +138,68 @@ def _solve(options: argparse.Namespace) -> Policy:
     return policy
 
 
-def _bar(progress: Progress, options: argparse.Namespace) -> Callable[[int, int, float], None]:
-    """Progress of each sub-MDP's bound, on a logarithmic scale."""
-    tasks: dict[int, tuple[TaskID, float]] = {}
+def _bars(progress: Progress) -> ProgressProtocol:
+    """One bar for each task."""
+    bars: dict[str, TaskID] = {}
 
-    def on_sweep(position: int, sweep: int, bound: float) -> None:
-        if position not in tasks:
-            tasks[position] = (progress.add_task(''), bound)
-        task, first = tasks[position]
-        done = _decades(first, bound) / max(_decades(first, options.tolerance), 1e-9)
-        text = f'sub-MDP {position + 1}: sweep {sweep}, within {bound:.1e} of V*'
-        if not sweep:
-            done, text = 1.0, f'sub-problem {position + 1}: done'
-        progress.update(task, completed=100 * min(done, 1.0), description=text)
+    def show(report: Report) -> None:
+        if report.task not in bars:
+            bars[report.task] = progress.add_task('')
+        text = f'{report.task}: {report.text}'
+        progress.update(bars[report.task], completed=100 * report.done, description=text)
 
-    return on_sweep
+    return show
 
 
-def _decades(first: float, bound: float) -> float:
-    return math.log10(first / bound) if first > 0 < bound else 0.0
-
-
-def _describe(policy: Policy, summary: dict) -> str:
-    sizes = sorted(set(summary['sub_mdp_states']))
+def _describe(policy: Policy, summary: dict[str, Any]) -> str:
     lines = [
         f'{summary["out"]}: policy of mission {summary["mission"]}, method {policy.method}',
         f'  states      {summary["states"]:,} in the mission, {summary["goals"]} goals',
-        f'  sub-MDPs    {summary["sub_mdps"]} of {", ".join(f"{n:,}" for n in sizes)} states',
+        *_plan_lines(policy),
         f'  sweeps      {", ".join(map(str, summary["iterations"]))}',
         f'  residual    {summary["residual"]:.2e}',
         _quality(policy.method, summary),
+        *_certificate_lines(summary),
         f'  time        {summary["seconds"]} s',
         f'  size        {summary["bytes"]:,} bytes, digest {summary["digest"][:12]}',
     ]
-    if summary.get('gap') is not None:
-        gap, error = summary['gap'], summary['gap_error']
-        lines.insert(-2, f'  certified   on average within {gap:.2%} +- {error:.2%} of V*')
+    if policy.reason:
+        lines.insert(1, f'  why         {policy.reason}')
     return '\n'.join(lines)
 
 
-def _quality(method: str, summary: dict) -> str:
+SHOWN_PARTS = 8
+"""Sub-MDPs of a plan that the summary names."""
+
+
+def _plan_lines(policy: Policy) -> list[str]:
+    """The sub-MDPs of the plan: type, goals, states, score."""
+    parts, names = policy.plan.parts, [goal.name for goal in policy.mission.goals]
+    lines = [f'  plan        {len(parts)} sub-MDPs of at most {policy.plan.max_states:,} states']
+    for number, part in enumerate(parts[:SHOWN_PARTS], 1):
+        goals = ', '.join(names[j] for j in part.goals)
+        lines.append(
+            f'    {number:3d}  {part.kind:<8}  {part.states:>13,} states  '
+            f'score {part.score:.3f}  {goals}'
+        )
+    if len(parts) > SHOWN_PARTS:
+        lines.append(f'         and {len(parts) - SHOWN_PARTS} more: see manifest.json')
+    return lines
+
+
+def _certificate_lines(summary: dict[str, Any]) -> list[str]:
+    lines = []
+    for name, where in (('gap', 'evenly drawn'), ('flown_gap', 'flown')):
+        if summary.get(name) is not None:
+            gap, error = summary[name], summary[f'{name}_error']
+            lines.append(
+                f'  certified   on average within {gap:.2%} +- {error:.2%} of V* '
+                f'over the states {where}'
+            )
+    return lines
+
+
+def _quality(method: str, summary: dict[str, Any]) -> str:
     if method == 'exact':
         return f'  bounds      V{summary["lower"]:+.2e} <= V* <= V{summary["upper"]:+.2e}'
     if method == 'expansion':

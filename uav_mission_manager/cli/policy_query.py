@@ -47,9 +47,12 @@ def _parse_state(text: str) -> list[int]:
 
 
 def _answer(policy: Policy, state: list[int]) -> dict[str, Any]:
-    decision = policy.decide(state)
-    mission = policy.mission
-    parts = zip(policy.parts, policy.part_values(np.array(state))[0])
+    decision, mission = policy.decide(state), policy.mission
+    row = np.array([state])
+    names = [goal.name for goal in mission.goals]
+    parts = zip(policy.parts, policy.part_values(row)[0])
+    number = int(policy.plan.part_of(row)[0])
+    part = policy.plan.parts[number - 1]
     return {
         'state': dict(zip(policy.space.names, state)),
         'actions': [
@@ -68,9 +71,15 @@ def _answer(policy: Policy, state: list[int]) -> dict[str, Any]:
         'upper_bound': decision.upper_bound if math.isfinite(decision.upper_bound) else None,
         'upper_bound_holds': policy.upper_bound_holds,
         'sub_mdps': [
-            {'goals': [mission.goals[j].name for j in goals], 'value': float(value)}
-            for goals, value in parts
+            {'goals': [names[j] for j in goals], 'value': float(value)} for goals, value in parts
         ],
+        'decided_by': [[names[j] for j in goals] for goals in policy.parts_behind(row)],
+        'plan_part': {
+            'number': number,
+            'kind': part.kind,
+            'goals': [names[j] for j in part.goals],
+            'states': part.states,
+        },
     }
 
 
@@ -90,8 +99,15 @@ def _print(policy: Policy, answer: dict[str, Any]) -> None:
     if answer['upper_bound'] is not None:
         upper, holds = answer['upper_bound'], answer['upper_bound_holds']
         console.print(f'upper bound on the cost of this policy: {upper:.6f} ({holds})')
-    for part in answer['sub_mdps']:
-        console.print(f'sub-MDP of {", ".join(part["goals"])}: V = {part["value"]:.6f}')
+    for sub in answer['sub_mdps']:
+        console.print(f'sub-MDP of {", ".join(sub["goals"])}: V = {sub["value"]:.6f}')
+    decided = ['+'.join(goals) for goals in answer['decided_by']]
+    console.print(f'decided by the sub-MDPs of: {", ".join(decided) or "the common costs"}')
+    part = answer['plan_part']
+    console.print(
+        f'phi: sub-MDP {part["number"]} of {len(policy.plan.parts)} in the plan '
+        f'({part["kind"]}, {", ".join(part["goals"])}, {part["states"]:,} states)'
+    )
 
 
 if __name__ == '__main__':

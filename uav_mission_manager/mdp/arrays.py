@@ -16,3 +16,6 @@ IndexArray = NDArray[np.intp]
 
 RealArray = NDArray[np.floating[Any]]
 """Numbers in single or double precision."""
+
+AnyArray = NDArray[Any]
+"""Numbers of any kind, such as a file may hold."""

@@ -1,46 +1,82 @@
-"""Making policies: from a mission, and from a policy set."""
+"""Making policies: from a mission, and from a policy set.
+
+Algorithm 1 (`uav_mission_manager.solver.decomposition`) makes the plan of every build: one block
+of all goals or, out of core, several; single goals; or clusters of goals. A builder solves the
+plan's sub-MDPs, and the policy recombines them.
+"""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from uav_mission_manager.mdp import Mission
 from uav_mission_manager.policy.certify import certify
 from uav_mission_manager.policy.checkpoint import Checkpoint
+from uav_mission_manager.policy.exact_policy import ExactPolicy
 from uav_mission_manager.policy.expansion_policy import ExpansionPolicy
-from uav_mission_manager.policy.policy import METHODS, Policy
+from uav_mission_manager.policy.policy import Policy
+from uav_mission_manager.policy.recombined_policy import RECOMBINATIONS, RecombinedPolicy
 from uav_mission_manager.policy.store import PolicyError, read_policy_set
-from uav_mission_manager.policy.workers import Task, workers
-from uav_mission_manager.solver import (
-    Clusters,
-    LookAhead,
-    cluster_states,
-    covering,
-    fit_expansion,
-    lower_bound,
-    value_iteration,
-)
+from uav_mission_manager.policy.workers import Task, Workers, workers
+from uav_mission_manager.solver import memory
+from uav_mission_manager.solver.bounds import covering, lower_bound
+from uav_mission_manager.solver.decomposition.decompose import decompose
+from uav_mission_manager.solver.exact import LookAhead, solve_blocks, value_iteration
+from uav_mission_manager.solver.exact.memory import needed_bytes
+from uav_mission_manager.solver.exact.value_iteration import PRECISIONS
+from uav_mission_manager.solver.expansion import Clusters, fit_expansion
+from uav_mission_manager.solver.progress import Progress, Report, ignore
+from uav_mission_manager.solver.submdp import state_count, whole_mission
+from uav_mission_manager.solver.threads import processors
 
-NAMES = ('exact', 'expansion', *(name for name in METHODS if name != 'exact'))
-"""Methods of `build_policy`."""
+DEFAULT_METHOD = 'auto'
 
-DEFAULT = 'expansion'
+DEFAULT_ORDER = 3
+"""Most goals of an expansion's clusters in full."""
 
-ORDER = 3
-"""Most goals of an expansion's clusters in full, by default."""
+AUTO_SECONDS = 120.0
+"""Longest exact solution that `auto` waits for [s]."""
 
-OnSweep = Callable[[int, int, float], None]
+FASTEST_ENTRY = 4e-9
+"""Time that a sweep takes for an entry of W at the least [s]; measured 14 to 35 ns."""
+
+FEWEST_SWEEPS = 40
+"""Sweeps that an exact solution takes at the least; measured 40 for one goal, 110 for seven."""
+
+CALIBRATION = 2.0
+"""Time after which the sweeps made so far tell how long the rest will take [s]."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What to build, as `build_policy` was asked."""
+
+    mission: Mission
+    tolerance: float
+    progress: Progress
+    order: int
+    max_states: int | None
+    certificate: bool | None
+    precision: str
+    jobs: int | None
+    scheduler: str | None
+    checkpoint: Checkpoint | None
 
 
 def build_policy(
     mission: Mission,
-    method: str = DEFAULT,
+    method: str = DEFAULT_METHOD,
     tolerance: float = 1e-7,
-    on_sweep: OnSweep | None = None,
+    progress: Progress = ignore,
     *,
-    order: int = ORDER,
+    order: int = DEFAULT_ORDER,
     max_states: int | None = None,
     certificate: bool | None = None,
     precision: str = 'mixed',
@@ -53,20 +89,23 @@ def build_policy(
     Parameters
     ----------
     mission : Mission
-    method : {'exact', 'expansion', 'split', 'highest_priority', 'best_value'}
-        An expansion of a mission that is one cluster by itself is the exact solution.
+    method : {'auto', 'exact', 'expansion', 'split', 'highest_priority', 'best_value'}
+        `auto` is exact where that fits in memory and is estimated to take less than two minutes,
+        else an expansion; `Policy.reason` says why.
     tolerance : float
         Largest distance of each sub-MDP's V from its optimum, in cost; an expansion is fitted to
         a tolerance of its own.
-    on_sweep : callable, optional
-        Called with the sub-MDP's position, the sweep and the distance bound reached, as far as
-        sub-MDPs are solved in this process, and with 0 and 0.0 when one is done elsewhere.
+    progress : Progress
+        Is told how far each task has come.
     order : int
         Most goals of an expansion's clusters in full.
     max_states : int, optional
-        T_max: most states of a cluster; as many as `order` goals make by default.
+        T_max: most states of a sub-MDP. By default the exact solution is one sub-MDP in memory;
+        with fewer states it is solved block by block, in files. The clusters of an expansion have
+        as many states as `order` goals by default.
     certificate : bool, optional
-        Whether to bound the policy's cost; by default that of an expansion is.
+        Whether to bound the policy's cost; by default that of an expansion is. An exact policy
+        has bounds of its own.
     precision
         See `uav_mission_manager.solver.exact.value_iteration`.
     jobs : int, optional
@@ -75,7 +114,7 @@ def build_policy(
     scheduler : str, optional
         Address of a Dask scheduler, see `uav_mission_manager.policy.workers`.
     checkpoint : Checkpoint, optional
-        Where the exact solution goes on from and leaves word from time to time.
+        The exact solution is resumed from there, and saved there about once a minute.
 
     Raises
     ------
@@ -84,79 +123,184 @@ def build_policy(
     MissionSizeError
         If the memory does not suffice.
     """
-    if method not in NAMES:
-        raise ValueError(f'method {method!r} is none of {", ".join(NAMES)}')
-    if max_states is None:
-        max_states = cluster_states(mission, max(order, 1))
-    if method == 'expansion':
-        clusters = Clusters.up_to(mission, order, max_states)
-        if any(group.n == group.detail == mission.k for group in clusters.groups):
-            method = 'exact'
-    if method == 'exact':
-        return _exact(mission, tolerance, on_sweep, precision, jobs, checkpoint)
-    if checkpoint is not None:
-        raise ValueError(f'method {method!r} leaves no checkpoint to go on from; exact does')
-    if certificate is None:
-        certificate = method == 'expansion'
-    with workers(1 if jobs is None else jobs, scheduler) as pool:
-        report = on_sweep if pool.here else None
-        if method == 'expansion':
-            on_fit = report and partial(report, 0)
-            tasks: list[Task] = [partial(fit_expansion, mission, clusters, on_sweep=on_fit)]
+    if method not in BUILDERS:
+        raise ValueError(f'method {method!r} is none of {", ".join(BUILDERS)}')
+    if order < 1:
+        raise ValueError(f'order {order} must be at least 1')
+    if jobs is not None and jobs < 1:
+        raise ValueError(f'jobs {jobs} must be above 0')
+    if checkpoint is not None and method not in ('auto', 'exact'):
+        raise ValueError(f'method {method!r} cannot be resumed from a checkpoint; exact can')
+    job = Job(
+        mission,
+        tolerance,
+        progress,
+        order,
+        max_states,
+        certificate,
+        precision,
+        jobs,
+        scheduler,
+        checkpoint,
+    )
+    return BUILDERS[method](job)
+
+
+def _auto(job: Job) -> Policy:
+    """Exact where it fits and is quick enough, else an expansion."""
+    reason = _too_large(job)
+    if not reason:
+        clock = _Clock(job)
+        try:
+            policy: Policy = _exact(replace(job, progress=clock))
+        except _TooSlowError as error:
+            reason = str(error)
         else:
-            tasks = _goal_wise(mission, method, tolerance, precision, report)
-        if certificate:
-            tasks.append(partial(lower_bound, mission, covering(mission, max_states)))
-        results = []
-        for position, result in enumerate(pool.run(tasks)):
-            results.append(result)
-            if on_sweep is not None and not pool.here:
-                on_sweep(position, 0, 0.0)
-        bound = results.pop() if certificate else None
-        fitted = method == 'expansion'
-        policy = ExpansionPolicy(*results) if fitted else Policy(mission, method, results)
-        if bound is not None:
-            policy.certificate = certify(policy, bound, pool)
+            policy.reason = 'exact: it fits in memory and takes less than two minutes'
+            return policy
+    policy = _expansion(job)
+    policy.reason = f'expansion: {reason}'
     return policy
 
 
-def _goal_wise(
-    mission: Mission, method: str, tolerance: float, precision: str, on_sweep: OnSweep | None
-) -> list[Task]:
-    """Solve each of a method's sub-MDPs."""
-    return [
-        partial(
-            value_iteration,
-            sub,
-            tolerance,
-            on_sweep=on_sweep and partial(on_sweep, position),
-            precision=precision,
-            threads=1,
+def _too_large(job: Job) -> str:
+    """Why the exact solution is out of the question, empty where it is not."""
+    sub = whole_mission(job.mission)
+    if job.max_states is not None and sub.states > job.max_states:
+        return f'the {sub.states:,} states are more than T_max = {job.max_states:,}'
+    needed = needed_bytes(sub, PRECISIONS.get(job.precision, (np.float64,))[-1], processors())
+    if not memory.fits(needed):
+        return (
+            f'the exact solution needs {memory.size_text(needed)} of memory, '
+            f'{memory.size_text(memory.available_bytes())} are free'
         )
-        for position, sub in enumerate(METHODS[method].decompose(mission))
-    ]
+    seconds = sub.entries * FASTEST_ENTRY * FEWEST_SWEEPS
+    if seconds > AUTO_SECONDS and job.checkpoint is None:
+        return f'the exact solution would take more than {seconds / 60:,.0f} minutes'
+    return ''
 
 
-def _exact(
-    mission: Mission,
-    tolerance: float,
-    on_sweep: OnSweep | None,
-    precision: str,
-    threads: int | None,
-    checkpoint: Checkpoint | None,
-) -> Policy:
-    (sub,) = METHODS['exact'].decompose(mission)
+class _TooSlowError(Exception):
+    """The exact solution takes too long."""
+
+
+class _Clock:
+    """Progress that ends an exact solution which the first sweeps show to take too long."""
+
+    def __init__(self, job: Job) -> None:
+        self.job, self.start = job, time.monotonic()
+
+    def __call__(self, report: Report) -> None:
+        self.job.progress(report)
+        elapsed = time.monotonic() - self.start
+        if self.job.checkpoint is None and elapsed > CALIBRATION:
+            seconds = elapsed / max(report.done, 1e-3)
+            if seconds > AUTO_SECONDS and seconds - elapsed > AUTO_SECONDS / 4:
+                raise _TooSlowError(
+                    f'the exact solution would take about {seconds / 60:,.0f} minutes, '
+                    f'by its first {report.step} sweeps'
+                )
+
+
+def _exact(job: Job) -> ExactPolicy:
+    mission, checkpoint = job.mission, job.checkpoint
+    sub = whole_mission(mission)
+    max_states = sub.states if job.max_states is None else job.max_states
+    plan = decompose(mission, max_states, 'blocks')
+    progress = _named(job.progress, 'exact solution')
+    if len(plan.parts) > 1:
+        if checkpoint is not None:
+            raise ValueError('a solution block by block cannot be resumed from a checkpoint')
+        solution = solve_blocks(sub, plan.regions, job.tolerance, progress=progress)
+        return ExactPolicy(plan, solution)
     solution = value_iteration(
         sub,
-        tolerance,
-        on_sweep=partial(on_sweep, 0) if on_sweep else None,
-        precision=precision,
-        threads=threads,
-        start=checkpoint.load(0) if checkpoint else None,
-        on_values=partial(checkpoint.save, 0) if checkpoint else None,
+        job.tolerance,
+        progress=progress,
+        precision=job.precision,
+        threads=job.jobs,
+        start=checkpoint.load() if checkpoint else None,
+        on_values=checkpoint.save if checkpoint else None,
         with_actions=not LookAhead.tabulates(sub),
     )
-    return Policy(mission, 'exact', [solution])
+    return ExactPolicy(plan, solution)
+
+
+def _expansion(job: Job) -> ExpansionPolicy:
+    mission = job.mission
+    max_states = job.max_states or state_count(min(job.order, mission.k), mission.grid.q, 8)
+    clusters = Clusters.up_to(mission, job.order, max_states)
+    plan = decompose(mission, max_states, 'clusters')
+    with workers(job.jobs or 1, job.scheduler) as pool:
+        fit = partial(fit_expansion, mission, clusters)
+        names, tasks = ['fit of the expansion'], [fit]
+        certified = job.certificate is None or job.certificate
+        if certified:
+            names.append('lower bound')
+            tasks.append(partial(lower_bound, mission, covering(mission, max_states)))
+        results = _run(job, pool, names, tasks)
+        policy = ExpansionPolicy(plan, results[0])
+        if certified:
+            policy.certificate = certify(policy, results[1], pool)
+    return policy
+
+
+def _recombined(method: str, job: Job) -> RecombinedPolicy:
+    mission = job.mission
+    max_states = job.max_states or state_count(1, mission.grid.q, 8)
+    plan = decompose(mission, max_states, 'goal')
+    subs = RECOMBINATIONS[method].sub_mdps(mission)
+    with workers(job.jobs or 1, job.scheduler) as pool:
+        options = {'precision': job.precision, 'threads': 1}
+        names = [f'sub-MDP of {mission.goals[sub.goals[0]].name}' for sub in subs]
+        tasks: list[Task] = [partial(value_iteration, s, job.tolerance, **options) for s in subs]
+        if job.certificate:
+            names.append('lower bound')
+            limit = job.max_states or state_count(min(job.order, mission.k), mission.grid.q, 8)
+            tasks.append(partial(lower_bound, mission, covering(mission, limit)))
+        results = _run(job, pool, names, tasks)
+        policy = RecombinedPolicy(method, plan, results[: len(subs)])
+        if job.certificate:
+            policy.certificate = certify(policy, results[-1], pool)
+    return policy
+
+
+def _run(job: Job, pool: Workers, names: list[str], tasks: list[Task]) -> list[Any]:
+    """Results of tasks that take `progress`; elsewhere than here only their end is reported."""
+    reports = [_named(job.progress, name) for name in names]
+    if pool.here:
+        tasks = [partial(task, progress=report) for task, report in zip(tasks, reports)]
+    results = []
+    for report, result in zip(reports, pool.run(tasks)):
+        results.append(result)
+        report(Report(0, 1.0, 'done'))
+    return results
+
+
+def _named(progress: Progress, task: str) -> Progress:
+    """Progress of one task of several."""
+
+    def named(report: Report) -> None:
+        progress(replace(report, task=task))
+
+    return named
+
+
+BUILDERS: dict[str, Callable[[Job], Policy]] = {
+    'auto': _auto,
+    'exact': _exact,
+    'expansion': _expansion,
+    **{method: partial(_recombined, method) for method in RECOMBINATIONS},
+}
+
+METHODS = tuple(BUILDERS)
+"""Methods of `build_policy`."""
+
+KINDS: dict[str, type[Policy]] = {
+    'exact': ExactPolicy,
+    'expansion': ExpansionPolicy,
+    **dict.fromkeys(RECOMBINATIONS, RecombinedPolicy),
+}
 
 
 def load_policy(directory: str | Path, mission: Mission | None = None) -> Policy:
@@ -174,23 +318,17 @@ def load_policy(directory: str | Path, mission: Mission | None = None) -> Policy
         If it is broken or for another mission.
     """
     contents, digest = read_policy_set(Path(directory))
-    if contents.method not in NAMES or (contents.method == 'expansion') != bool(
-        contents.expansion
-    ):
+    if contents.method not in KINDS:
         raise PolicyError(f'{directory}: method: {contents.method!r} is unknown')
-    subs = tuple(solution.sub for solution in contents.solutions)
-    if not contents.expansion and subs != METHODS[contents.method].decompose(contents.mission):
-        raise PolicyError(f'{directory}: sub_mdps: are not those of method {contents.method!r}')
     if mission is not None:
         for what, wanted in _geography(mission).items():
             found = _geography(contents.mission)[what]
             if found != wanted:
                 raise PolicyError(f'{directory}: mission.{what}: {found} are not {wanted}')
-    if contents.expansion is not None:
-        return ExpansionPolicy(contents.expansion, digest, contents.certificate)
-    return Policy(
-        contents.mission, contents.method, contents.solutions, digest, contents.certificate
-    )
+    try:
+        return KINDS[contents.method].from_set(contents, digest)
+    except PolicyError as error:
+        raise PolicyError(f'{directory}: {error}') from error
 
 
 def _geography(mission: Mission) -> dict[str, object]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
-from uav_mission_manager.solver import LowerBound
+from uav_mission_manager.solver.bounds import LowerBound
 
 
 @dataclass(frozen=True)
@@ -19,8 +20,10 @@ class Certificate:
     coverage, confidence : float
         In at least this share of the states, with this confidence; 1 by exact evaluation.
     gap, gap_error : float or None
-        Mean of V^pi / L - 1 over the states looked at, and its standard error; None where L is 0
+        Mean of V^pi / L - 1 over evenly drawn states, and its standard error; None where L is 0
         in one of them that costs something.
+    flown_gap, flown_gap_error : float or None
+        The same over the states that are flown: the policy's discounted occupancy from base.
     """
 
     bound: LowerBound
@@ -29,6 +32,8 @@ class Certificate:
     confidence: float
     gap: float | None
     gap_error: float | None
+    flown_gap: float | None
+    flown_gap_error: float | None
 
     @property
     def holds(self) -> str:
@@ -36,3 +41,8 @@ class Certificate:
         if self.coverage == 1:
             return 'everywhere'
         return f'in {self.coverage:.1%} of states, confidence {self.confidence:.0%}'
+
+    def summary(self) -> dict[str, Any]:
+        """Return its numbers by name, without the bound's tables."""
+        names = [field.name for field in fields(self) if field.name != 'bound']
+        return {name: getattr(self, name) for name in names}

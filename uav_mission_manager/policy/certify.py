@@ -1,8 +1,8 @@
 """Certificates: how far a policy may be from the optimum, in the mean and in the state at hand.
 
-From below V* is bounded by `uav_mission_manager.solver.bounds.lower_bound`, from above by the cost V^pi of the
-policy: by exact evaluation where its table fits, elsewhere by simulation. With an estimate V' of
-V^pi, the larger of the expansion's and the lower bound,
+V* is bounded from below by `uav_mission_manager.solver.bounds`, and from above by the cost V^pi of
+the policy: by exact evaluation where its table fits, elsewhere by simulation. With an estimate V'
+of V^pi, the larger of the policy's least Q and the lower bound,
 
     L(s) <= V*(s) <= V^pi(s) <= V'(s) + offset,
 
@@ -16,33 +16,38 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from uav_mission_manager.mdp.arrays import FloatArray, IntArray
 from uav_mission_manager.policy.certificate import Certificate
 from uav_mission_manager.policy.policy import Policy
 from uav_mission_manager.policy.workers import Workers
-from uav_mission_manager.solver import LowerBound, whole_mission
+from uav_mission_manager.solver.bounds import LowerBound
+from uav_mission_manager.solver.evaluation.occupancy import flown_states
 from uav_mission_manager.solver.evaluation.policy_evaluation import (
     evaluate,
     representatives,
     tabulate,
 )
 from uav_mission_manager.solver.evaluation.simulation import Estimate, estimate
+from uav_mission_manager.solver.submdp import whole_mission
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
-EVALUATED = 1 << 17
+EVALUATED_ENTRIES = 1 << 17
 """Entries of W up to which a policy is evaluated exactly; asking it for each takes some 20 us."""
 
-SAMPLE = 20_000
-"""States over which the gap of an exact evaluation is averaged."""
+EVEN_STATES, FLOWN_STATES = 20_000, 1_000
+"""States drawn evenly, and from those flown, over which an exact evaluation's gap is averaged."""
 
-STARTS, EPISODES, PARTS = 96, 8, 4
-"""States drawn for a simulation, episodes from each, and tasks that share them."""
+SIMULATED_STATES = 96
+"""States drawn evenly, and as many from those flown, whose cost is simulated."""
+
+EPISODES = 8
+"""Episodes from each of them."""
+
+SIMULATION_TASKS = 4
+"""Tasks that share the simulated states; independent of the processes that solve them."""
 
 TRUNCATION = 1e-4
-"""Largest discount^T of a simulation."""
+"""Largest discount^T at the last epoch T of a simulated episode."""
 
 FAILURE = 0.01
 """Chance that any of a simulation's confidence bounds fails, and that the coverage does."""
@@ -50,31 +55,43 @@ FAILURE = 0.01
 
 def certify(policy: Policy, bound: LowerBound, workers: Workers) -> Certificate:
     """Bound the cost of a policy from above and compare it with a bound from below."""
-    # What that rule does depends on commitments everywhere, which tables over places lack.
-    tables = whole_mission(policy.mission).entries <= EVALUATED and policy.method != 'best_value'
+    # What best_value does depends on c, which tables over W lack.
+    whole = whole_mission(policy.mission)
+    tables = whole.entries <= EVALUATED_ENTRIES and policy.method != 'best_value'
     return _evaluated(policy, bound) if tables else _simulated(policy, bound, workers)
 
 
 def _evaluated(policy: Policy, bound: LowerBound) -> Certificate:
-    sub = whole_mission(policy.mission)
+    sub, rng = whole_mission(policy.mission), np.random.default_rng(0)
     evaluation, every = evaluate(sub, tabulate(sub, policy.act)), representatives(sub)
     above = evaluation.state_values(every) + evaluation.upper
-    states = policy.space.draw(SAMPLE, np.random.default_rng(0))
-    gaps = _gaps(evaluation.state_values(states), bound.values(states))
-    return Certificate(bound, _offset(policy, bound, every, above), 1.0, 1.0, *_mean(gaps))
+    offset = _offset(policy, bound, every, above) + policy.estimate_rounding
+    even = policy.space.draw(EVEN_STATES, rng)
+    flown = flown_states(policy.mission, policy.act, FLOWN_STATES, rng)
+    gaps = [
+        _mean(_gaps(evaluation.state_values(states), bound.values(states)))
+        for states in (even, flown)
+    ]
+    return Certificate(bound, offset, 1.0, 1.0, *gaps[0], *gaps[1])
 
 
 def _simulated(policy: Policy, bound: LowerBound, workers: Workers) -> Certificate:
-    starts = policy.space.draw(STARTS, np.random.default_rng(0))
-    parts = np.array_split(starts, PARTS)
+    rng = np.random.default_rng(0)
+    even = policy.space.draw(SIMULATED_STATES, rng)
+    flown = flown_states(policy.mission, policy.act, SIMULATED_STATES, rng)
+    parts = np.array_split(np.concatenate([even, flown]), SIMULATION_TASKS)
     tasks = [partial(_estimate, policy, part, seed) for seed, part in enumerate(parts)]
     found = list(workers.run(tasks))
     mean, above = (
         np.concatenate([getattr(part, name) for part in found]) for name in ('mean', 'upper')
     )
-    offset, coverage = _offset(policy, bound, starts, above), FAILURE ** (1 / STARTS)
-    gaps = _gaps(mean, bound.values(starts))
-    return Certificate(bound, offset, coverage, 1 - 2 * FAILURE, *_mean(gaps))
+    offset = _offset(policy, bound, even, above[:SIMULATED_STATES])
+    coverage = FAILURE ** (1 / SIMULATED_STATES)
+    gaps = [
+        _mean(_gaps(values, bound.values(states)))
+        for values, states in zip(np.split(mean, 2), (even, flown))
+    ]
+    return Certificate(bound, offset, coverage, 1 - 2 * FAILURE, *gaps[0], *gaps[1])
 
 
 def _offset(policy: Policy, bound: LowerBound, states: IntArray, above: FloatArray) -> float:
@@ -93,7 +110,7 @@ def _estimate(policy: Policy, starts: IntArray, seed: int) -> Estimate:
         np.random.default_rng(seed),
         control,
         truncation=TRUNCATION,
-        confidence=1 - FAILURE / STARTS,
+        confidence=1 - FAILURE / SIMULATED_STATES,
     )
 
 

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uav_mission_manager.mdp import Mission
-from uav_mission_manager.policy.store import PolicyError
+from uav_mission_manager.mdp.arrays import RealArray
+from uav_mission_manager.policy.store import SCHEMA, PolicyError
 
-INTERVAL = 60.0
-"""Seconds between checkpoints: shorter solves leave none."""
+CHECKPOINT_INTERVAL = 60.0
+"""Seconds between two checkpoints; a solve that is shorter leaves none."""
 
 
 class Checkpoint:
-    """Word of how far a solve has come.
+    """A file with W and the number of sweeps so far, from which a solve can be resumed.
 
     Parameters
     ----------
@@ -37,15 +36,15 @@ class Checkpoint:
         mission: Mission,
         method: str,
         precision: str,
-        interval: float = INTERVAL,
+        interval: float = CHECKPOINT_INTERVAL,
     ) -> None:
         place = Path(directory).resolve()
         self.file = place.with_name(f'.{place.name}.checkpoint.npz')
-        self.key = f'{mission.digest()} {method} {precision}'
+        self.key = f'{SCHEMA} {mission.digest()} {method} {precision}'
         self.interval, self.last = interval, time.monotonic()
 
-    def load(self, position: int) -> tuple[int, NDArray[Any]] | None:
-        """Return sweeps and W of a sub-MDP where the file holds that; else None.
+    def load(self) -> tuple[int, RealArray] | None:
+        """Return sweeps and W where there is a file; else None.
 
         Raises
         ------
@@ -56,18 +55,16 @@ class Checkpoint:
             return None
         try:
             with np.load(self.file, allow_pickle=False) as content:
-                key, *progress = (content[name] for name in ('key', 'position', 'sweeps'))
-                values = content['values']
+                key, sweeps, values = (content[name] for name in ('key', 'sweeps', 'values'))
         except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
             raise PolicyError(f'{self.file}: cannot be read: {error}') from error
         if str(key) != self.key:
             raise PolicyError(
                 f'{self.file}: key: is of another mission, method or precision; delete it'
             )
-        reached, sweeps = map(int, progress)
-        return (sweeps, values) if reached == position else None
+        return int(sweeps), values
 
-    def save(self, position: int, sweeps: int, values: NDArray[Any]) -> None:
+    def save(self, sweeps: int, values: RealArray) -> None:
         """Write the file if it is time. Raises `PolicyError`."""
         if time.monotonic() - self.last < self.interval:
             return
@@ -75,7 +72,7 @@ class Checkpoint:
         try:
             fresh.parent.mkdir(parents=True, exist_ok=True)
             with fresh.open('wb') as stream:
-                np.savez(stream, key=self.key, position=position, sweeps=sweeps, values=values)
+                np.savez(stream, key=self.key, sweeps=sweeps, values=values)
             fresh.replace(self.file)
         except OSError as error:
             raise PolicyError(f'{self.file}: cannot be written: {error}') from error

@@ -6,15 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uav_mission_manager.mdp import (
     FAULT_MODES,
     THREAT_LEVELS,
     Action,
+    ActionKind,
     Mission,
+    StateSpace,
     action_name,
 )
+from uav_mission_manager.mdp.arrays import FloatArray
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ def decide(
     actions: Sequence[Action],
     state: list[int],
     number: int,
-    values: NDArray[np.float64],
+    values: FloatArray,
     lower_bound: float,
     upper_bound: float,
 ) -> Decision:
@@ -81,26 +83,17 @@ def decide(
 
 
 def _motive(mission: Mission, state: list[int], action: Action) -> str:
-    k = mission.k
-    ranges, priorities = state[1 : 1 + k], state[1 + k : 1 + 2 * k]
-    if action.kind == 'commit':
-        goal, level = mission.goals[action.goal - 1], ('no', 'low', 'high')
-        motive = f'{goal.name} has {level[priorities[action.goal - 1]]} priority'
-    elif action.kind == 'recharge':
-        lost = [goal.name for goal, r in zip(mission.goals, ranges) if not r]
+    s = StateSpace(mission.k, mission.grid.q).split(np.array(state))
+    if action.goal is not None:
+        goal, level = mission.goals[action.goal], ('no', 'low', 'high')[s.g[action.goal]]
+        motive = f'{goal.name} has {level} priority'
+    elif action.kind is ActionKind.RECHARGE:
+        lost = [goal.name for goal, r in zip(mission.goals, s.r) if not r]
         motive = f'out of range: {", ".join(lost) or "no goal"}'
-    elif action.kind == 'repair':
-        motive = f'fault mode {FAULT_MODES[state[0] - 1]}'
-    elif _completing(mission, state):
-        motive = f'{mission.goals[state[-3] - 1].name} is being completed here'
-    elif not any(priorities):
+    elif action.kind is ActionKind.REPAIR:
+        motive = f'fault mode {FAULT_MODES[s.f - 1]}'
+    elif not s.g.any():
         motive = 'no goal is wanted'
     else:
         motive = 'no goal is worth flying to now'
-    return f'{motive}, threat {THREAT_LEVELS[state[-2]]}' if action.agile else motive
-
-
-def _completing(mission: Mission, state: list[int]) -> bool:
-    """Whether this epoch may complete the goal committed to, whatever the action."""
-    on_site = state[-3] > 0 and mission.goals[state[-3] - 1].cell == state[-4]
-    return on_site and mission.faults.completion[state[0] - 1] > 0
+    return f'{motive}, threat {THREAT_LEVELS[s.t]}' if action.agile else motive

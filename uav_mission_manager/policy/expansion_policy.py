@@ -1,26 +1,24 @@
-"""A policy by goal expansion, for missions whose exact solution does not fit."""
+"""A policy by goal expansion, for missions whose exact solution takes too long."""
 
 from __future__ import annotations
 
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from uav_mission_manager.mdp.arrays import FloatArray, IntArray
 from uav_mission_manager.policy.certificate import Certificate
 from uav_mission_manager.policy.policy import Policy
-from uav_mission_manager.policy.store import PolicySet, write_policy_set
-from uav_mission_manager.solver import Expansion, ExpansionLookAhead, choose
+from uav_mission_manager.policy.store import PolicyError, PolicySet
+from uav_mission_manager.solver.decomposition.plan import Plan
 from uav_mission_manager.solver.evaluation.simulation import ControlVariate
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from uav_mission_manager.solver.expansion import Expansion, ExpansionLookAhead
 
 
 class ExpansionPolicy(Policy):
-    """Look-ups of Q values one epoch ahead in an expansion.
+    """Takes the action of least Q one epoch ahead in an expansion.
 
     Attributes
     ----------
@@ -28,10 +26,27 @@ class ExpansionPolicy(Policy):
     """
 
     def __init__(
-        self, expansion: Expansion, digest: str = '', certificate: Certificate | None = None
+        self,
+        plan: Plan,
+        expansion: Expansion,
+        certificate: Certificate | None = None,
+        digest: str = '',
     ) -> None:
-        super().__init__(expansion.mission, 'expansion', (), digest, certificate)
+        super().__init__(expansion.mission, 'expansion', plan, certificate, digest)
         self.expansion = expansion
+
+    @classmethod
+    def from_set(cls, contents: PolicySet, digest: str) -> ExpansionPolicy:
+        """Make the policy that a policy set holds. Raises `PolicyError`."""
+        if contents.expansion is None:
+            raise PolicyError('expansion: is missing')
+        return cls(contents.plan, contents.expansion, contents.certificate, digest)
+
+    def contents(self) -> PolicySet:
+        """Return what a policy set of it holds."""
+        return PolicySet(
+            self.mission, self.method, self.plan, (), self.expansion, self.certificate
+        )
 
     @cached_property
     def _look_ahead(self) -> ExpansionLookAhead:
@@ -39,18 +54,13 @@ class ExpansionPolicy(Policy):
 
     @property
     def control(self) -> ControlVariate:
-        """The expansion, and Q in it."""
+        """The expansion: it is close to the policy's cost."""
         return ControlVariate(self._look_ahead.values, self._look_ahead.q_values)
 
-    @property
-    def info(self) -> dict[str, Any]:
-        """What is known of the policy: sizes, sweeps, residual, certificate."""
+    def summary(self) -> dict[str, Any]:
+        """Return sizes, features, and how well they are fitted."""
         expansion = self.expansion
         return {
-            'mission': self.mission.name,
-            'method': self.method,
-            'goals': self.mission.k,
-            'states': self.space.size,
             'sub_mdps': expansion.clusters.count,
             'sub_mdp_states': expansion.clusters.states(self.mission),
             'features': expansion.clusters.features,
@@ -58,18 +68,11 @@ class ExpansionPolicy(Policy):
             'iterations': [expansion.iterations],
             'residual': expansion.spread / 2,
             'converged': expansion.converged,
-            **self._certified,
-            'digest': self.digest,
         }
 
-    def _q_values(self, rows: IntArray) -> FloatArray:
+    def look_up(self, rows: IntArray) -> FloatArray:
+        """Q(s, a) of valid states (N, 2k+5), shape (N, 2k+4); inf where not allowed."""
         return self._look_ahead.q_values(rows)
-
-    def _act(self, rows: IntArray) -> IntArray:
-        return choose(self._q_values(rows))
-
-    def _lower_bound(self, rows: IntArray) -> FloatArray:
-        return np.zeros(len(rows))
 
     def estimate(self, least: FloatArray, sums: FloatArray) -> FloatArray:
         """V', to which the certificate's offset is added, of the least Q and the lower bound."""
@@ -82,16 +85,17 @@ class ExpansionPolicy(Policy):
 
     def part_values(self, states: ArrayLike) -> FloatArray:
         """What each wanted goal adds to the expected cost, shape (N, k). Raises `StateError`."""
-        rows, k = self.space.check(states), self.mission.k
-        without = np.repeat(rows[None], k, axis=0)
-        for j in range(k):
-            without[j, :, 1 + k + j] = 0
-        values = self._look_ahead.values
-        return np.stack([values(rows) - values(other) for other in without], axis=1)
+        rows, values = self.space.check(states), self._look_ahead.values
+        whole, added = values(rows), []
+        for j in range(self.mission.k):
+            without = rows.copy()
+            self.space.split(without).g[:, j] = 0
+            added.append(whole - values(without))
+        return np.stack(added, axis=1)
 
-    def save(self, directory: str | Path) -> None:
-        """Write a policy set (see `uav_mission_manager.policy.store`). Raises `PolicyError`."""
-        contents = PolicySet(
-            self.mission, self.method, (), self.expansion, certificate=self.certificate
-        )
-        self.digest = write_policy_set(contents, Path(directory))
+    def parts_behind(self, rows: IntArray) -> list[tuple[int, ...]]:
+        """Clusters of goals that are all wanted in one valid state."""
+        wanted = set(np.flatnonzero(self.space.split(rows).g[0] > 0).tolist())
+        groups = self.expansion.clusters.groups
+        clusters = dict.fromkeys(cluster for group in groups for cluster in group.clusters)
+        return [cluster for cluster in clusters if wanted.issuperset(cluster)]

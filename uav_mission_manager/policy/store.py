@@ -1,9 +1,10 @@
 """Policy sets on disk: a directory with `manifest.json` and one `.npy` file an array.
 
-The manifest holds the schema version, the whole mission and its hash, the method, and for each
-sub-MDP what it is, how well it is solved and the SHA-256 of its arrays; `digest` is the SHA-256
-of all the rest of the manifest. There is no date, so the same mission gives the same bytes.
-A set is written beside its place and renamed into it, never half-written.
+The manifest holds the schema version, the whole mission and its hash, the method, the plan of
+Algorithm 1 with its map phi, and for each sub-MDP what it is, how well it is solved and the
+SHA-256 of its arrays; `digest` is the SHA-256 of all the rest of the manifest. There is no date,
+so the same mission gives the same bytes. A set is written beside its place and renamed into it,
+never half-written.
 """
 
 from __future__ import annotations
@@ -16,25 +17,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uav_mission_manager.mdp import Mission, MissionError, mission_from_dict
+from uav_mission_manager.mdp.arrays import AnyArray
 from uav_mission_manager.policy.certificate import Certificate
-from uav_mission_manager.solver import (
-    BellmanOperator,
-    Clusters,
-    Expansion,
-    Group,
-    LowerBound,
-    Solution,
-    SubMdp,
-)
+from uav_mission_manager.solver.bounds import LowerBound
+from uav_mission_manager.solver.decomposition.plan import Plan
+from uav_mission_manager.solver.exact import Solution
+from uav_mission_manager.solver.expansion import Clusters, Expansion, Group
+from uav_mission_manager.solver.submdp import SubMdp
 
-SCHEMA = 3
+SCHEMA = 4
+"""Version of what a manifest holds; 4: goals are completed by the action, W over cells."""
+
 MANIFEST = 'manifest.json'
 ARRAYS = {'value': ('float64', 'float32'), 'actions': ('uint8',)}
-CHUNK = 1 << 20
-CERTAINTY = ('offset', 'coverage', 'confidence', 'gap', 'gap_error')
+READ_BYTES = 1 << 20
+"""Bytes hashed at a time."""
+
 FIT = ('points', 'iterations', 'spread', 'converged')
 QUALITY = ('lower', 'upper', 'residual', 'iterations', 'converged')
 
@@ -45,10 +45,11 @@ class PolicyError(ValueError):
 
 @dataclass(frozen=True)
 class PolicySet:
-    """What a policy set holds: a mission and its solved sub-MDPs in order, or an expansion."""
+    """What a policy set holds: a mission, its plan, and solved sub-MDPs or an expansion."""
 
     mission: Mission
     method: str
+    plan: Plan
     solutions: tuple[Solution, ...]
     expansion: Expansion | None = None
     certificate: Certificate | None = None
@@ -105,10 +106,15 @@ def read_policy_set(directory: Path) -> tuple[PolicySet, str]:
         certificate = None
         if 'certificate' in manifest:
             certificate = _read_certificate(directory, mission, manifest['certificate'])
-        contents = PolicySet(mission, str(manifest['method']), solutions, expansion, certificate)
+        plan = Plan.from_dict(mission, manifest['plan'])
+        contents = PolicySet(
+            mission, str(manifest['method']), plan, solutions, expansion, certificate
+        )
     except MissionError as error:
         raise PolicyError(str(error)) from error
-    except (LookupError, TypeError) as error:
+    except (LookupError, TypeError, ValueError) as error:
+        if isinstance(error, PolicyError):
+            raise
         raise PolicyError(f'{place}: a field is missing or of the wrong type: {error}') from error
     return contents, str(manifest['digest'])
 
@@ -132,6 +138,7 @@ def _write(contents: PolicySet, directory: Path) -> str:
         'method': contents.method,
         'mission': contents.mission.to_dict(),
         'mission_sha256': contents.mission.digest(),
+        'plan': contents.plan.to_dict(),
         'sub_mdps': [
             _write_part(directory, position, solution)
             for position, solution in enumerate(contents.solutions)
@@ -142,7 +149,7 @@ def _write(contents: PolicySet, directory: Path) -> str:
     if contents.certificate is not None:
         bound = contents.certificate.bound
         manifest['certificate'] = {
-            **{name: getattr(contents.certificate, name) for name in CERTAINTY},
+            **contents.certificate.summary(),
             'clusters': bound.clusters.tolist(),
             'tables': _write_array(directory / 'bound.npy', bound.tables),
         }
@@ -166,7 +173,8 @@ def _write_part(directory: Path, position: int, solution: Solution) -> dict[str,
         'goals': [sub.mission.goals[j].name for j in sub.goals],
         'actions': list(sub.numbers),
         'share': sub.share,
-        'way': sub.way,
+        'travel': sub.travel,
+        'goal_shares': list(sub.goal_shares),
         **{name: getattr(solution, name) for name in QUALITY},
         'arrays': arrays,
     }
@@ -180,7 +188,7 @@ def _write_expansion(directory: Path, expansion: Expansion) -> dict[str, Any]:
     }
 
 
-def _write_array(file: Path, array: NDArray[Any]) -> dict[str, str]:
+def _write_array(file: Path, array: AnyArray) -> dict[str, str]:
     np.save(file, array, allow_pickle=False)
     return {'file': file.name, 'sha256': _sha256(file)}
 
@@ -190,23 +198,24 @@ def _read_expansion(directory: Path, mission: Mission, part: dict[str, Any]) -> 
         Group(group['detail'], tuple(map(tuple, group['clusters']))) for group in part['clusters']
     ]
     clusters = Clusters(tuple(groups))
-    shape = mission.grid.q + mission.k, 3, 8, clusters.features
+    shape = mission.grid.q, 3, 8, clusters.features
     theta = _read_array(directory, part['theta'], shape, ('float32',))
     return Expansion(mission, clusters, theta, **{name: part[name] for name in FIT})
 
 
 def _read_certificate(directory: Path, mission: Mission, part: dict[str, Any]) -> Certificate:
     clusters = np.array(part['clusters'])
-    shape = len(clusters), mission.grid.q + mission.k, 3, 8, *(6,) * clusters.shape[1]
+    shape = len(clusters), mission.grid.q, 3, 8, *(6,) * clusters.shape[1]
     tables = _read_array(directory, part['tables'], shape, ('float32',))
     bound = LowerBound(mission, clusters, tables)
-    return Certificate(bound, **{name: part[name] for name in CERTAINTY})
+    numbers = {name: part[name] for name in part if name not in ('clusters', 'tables')}
+    return Certificate(bound, **numbers)
 
 
 def _sha256(file: Path) -> str:
     digest = hashlib.sha256()
     with file.open('rb') as stream:
-        while chunk := stream.read(CHUNK):
+        while chunk := stream.read(READ_BYTES):
             digest.update(chunk)
     return digest.hexdigest()
 
@@ -230,8 +239,15 @@ def _read_manifest(place: Path) -> dict[str, Any]:
 def _read_part(directory: Path, mission: Mission, part: dict[str, Any]) -> Solution:
     positions = {goal.name: position for position, goal in enumerate(mission.goals)}
     goals = tuple(positions[name] for name in part['goals'])
-    sub = SubMdp(mission, goals, tuple(part['actions']), part['share'], part['way'])
-    shape = BellmanOperator(sub).shape
+    sub = SubMdp(
+        mission,
+        goals,
+        tuple(part['actions']),
+        part['share'],
+        part['travel'],
+        tuple(part['goal_shares']),
+    )
+    shape = mission.grid.q, 3 * 3**sub.n, 8 * 2**sub.n
     arrays: dict[str, Any] = {
         name: _read_array(directory, part['arrays'][name], shape, types)
         for name, types in ARRAYS.items()
@@ -242,7 +258,7 @@ def _read_part(directory: Path, mission: Mission, part: dict[str, Any]) -> Solut
 
 def _read_array(
     directory: Path, entry: dict[str, str], shape: tuple[int, ...], types: tuple[str, ...]
-) -> NDArray[Any]:
+) -> AnyArray:
     file = directory / entry['file']
     try:
         if _sha256(file) != entry['sha256']:

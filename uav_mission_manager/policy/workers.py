@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -11,12 +10,7 @@ from importlib import import_module
 from multiprocessing import get_context
 from typing import Any
 
-from uav_mission_manager.solver.exact.value_iteration import processors
-
 Task = Callable[[], Any]
-
-THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
-"""What the linear algebra libraries take their number of threads from, when they are loaded."""
 
 
 @dataclass(frozen=True)
@@ -59,31 +53,13 @@ def workers(jobs: int = 1, scheduler: str | None = None) -> Iterator[Workers]:
     if scheduler is not None:
         with _client(scheduler) as client:
             yield Workers(
-                lambda tasks: (
-                    future.result() for future in client.map(_call, tasks, pure=False)
-                )
+                lambda tasks: (future.result() for future in client.map(_call, tasks, pure=False))
             )
     elif jobs == 1:
         yield Workers(lambda tasks: (task() for task in tasks), here=True)
     else:
-        threads = _threads(max(1, processors() // jobs))
-        with threads, ProcessPoolExecutor(jobs, mp_context=get_context('spawn')) as pool:
+        with ProcessPoolExecutor(jobs, mp_context=get_context('spawn')) as pool:
             yield Workers(lambda tasks: pool.map(_call, tasks))
-
-
-@contextmanager
-def _threads(count: int) -> Iterator[None]:
-    """Let processes started meanwhile use so many threads for linear algebra each."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, str(count)))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 def _client(address: str) -> Any:

@@ -89,7 +89,9 @@ class ReducedMission:
         self.faults = dynamics.fault_matrices(mission)
         ranges = dynamics.range_matrices(mission)
         priorities = dynamics.priority_matrices(mission)[list(sub.goals)]
-        self.goals = np.array([[np.kron(g, r) for g in priorities] for r in ranges])
+        self.goals = np.empty((len(ranges), self.n, X_VALUES, X_VALUES))
+        for regime, slot in np.ndindex(self.goals.shape[:2]):
+            self.goals[regime, slot] = np.kron(priorities[slot], ranges[regime])
         achieved = np.array([[1.0, 0.0, 0.0]] * 3)
         self.completed = np.array([np.kron(achieved, r) for r in ranges])
         self.completion = dynamics.completion_probabilities(mission)

@@ -132,15 +132,16 @@ class AxisModel:
     def _base_cost(self) -> RealArray:
         n = self.sub.n
         cost = np.zeros((3**n, 8, 2**n)) + self.reduced.fault_costs[:, None]
-        flags, levels = (np.indices((size,) * n).reshape(n, -1) for size in (2, 3))
+        flags, levels = (np.indices((size,) * n).reshape(n, size**n) for size in (2, 3))
         for goal_cost, r, g in zip(self.sub.goal_costs, flags, levels):
             cost += goal_cost[g][:, r][:, None]
         return self._array(cost.reshape(3**n, self.columns))
 
     def _choices(self) -> tuple[Choice, ...]:
-        n, flags = self.sub.n, np.indices((2,) * self.sub.n).reshape(self.sub.n, -1)
+        n = self.sub.n
+        flags = np.indices((2,) * n).reshape(n, 2**n)
         # An action looks at the priority of its own goal only, so all may have the same one.
-        x = (2 * np.arange(3)[:, None, None] + flags.T).reshape(-1, n)
+        x = (2 * np.arange(3)[:, None, None] + flags.T).reshape(3 * 2**n, n)
         costs = self.reduced.action_costs(np.arange(self.q), x).reshape(-1, self.q, 8, 3, 2**n)
         costs = costs.swapaxes(2, 3).reshape(-1, self.q, 3, self.columns)
         choices = []

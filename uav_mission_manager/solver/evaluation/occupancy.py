@@ -1,0 +1,51 @@
+"""The states that a policy flies through: its discounted occupancy, by simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from uav_mission_manager.mdp.arrays import IntArray
+from uav_mission_manager.mdp.mission import Mission
+from uav_mission_manager.solver.evaluation.simulation import Simulator
+
+
+def starts_at_base(mission: Mission, count: int, rng: np.random.Generator) -> IntArray:
+    """States at the start of a flight, shape (count, 2k+5).
+
+    At base, nominal, every goal in range, no commitment, no threat, normal mode; priorities are
+    drawn evenly.
+    """
+    k = mission.k
+    states = np.zeros((count, 2 * k + 5), np.int64)
+    states[:, : 1 + k], states[:, -4] = 1, mission.grid.base
+    states[:, 1 + k : 1 + 2 * k] = rng.integers(0, 3, (count, k))
+    return states
+
+
+def flown_states(
+    mission: Mission,
+    act: Callable[[IntArray], IntArray],
+    count: int,
+    rng: np.random.Generator,
+) -> IntArray:
+    """States drawn from the discounted occupancy of a policy from base, shape (count, 2k+5).
+
+    Each is the state after T epochs of an episode of its own, P(T = n) = (1 - discount)
+    discount^n. Hence a mean over them is (1 - discount) times the discounted sum over a flight.
+
+    Parameters
+    ----------
+    mission : Mission
+    act : callable
+        The policy: action numbers (N,) of states (N, 2k+5).
+    count : int
+    rng : numpy.random.Generator
+    """
+    simulator, states = Simulator(mission), starts_at_base(mission, count, rng)
+    left = rng.geometric(1 - mission.discount, count) - 1
+    while (flying := np.flatnonzero(left > 0)).size:
+        states[flying] = simulator.step(states[flying], act(states[flying]), rng)
+        left[flying] -= 1
+    return states
