@@ -11,12 +11,13 @@ from hypothesis import given, settings
 from strategies import case_study, missions, pick_states
 
 from uav_mission_manager.mdp import StateSpace, mission_from_dict
-from uav_mission_manager.solver import SubMdp, goal_sub_mdps, highest_priority
-from uav_mission_manager.solver.recombination.priority import (
+from uav_mission_manager.solver.recombination import (
     PriorityScore,
     PriorityWeights,
+    highest_priority,
     ranked,
 )
+from uav_mission_manager.solver.submdp import SubMdp, goal_sub_mdps
 
 
 def undisturbed(model, f, t, cell, destination):
@@ -27,7 +28,9 @@ def undisturbed(model, f, t, cell, destination):
     sound = dict(model.fault_outcomes(f, False)).get(f, 0.0)
     return sound * sum(
         p * undisturbed(model, f, t_next, after, destination)
-        for t_next, p in model.threat_outcomes(t, after) if t_next < 2)
+        for t_next, p in model.threat_outcomes(t, after)
+        if t_next < 2
+    )
 
 
 def reference_terms(model, state):
@@ -48,7 +51,8 @@ def reference_terms(model, state):
             1 - model.completion(f) * undisturbed(model, f, t, cell, goal['cell']),
             (way(cell, goal) / longest if longest else 0.0) if r[j] else 1.0,
         ]
-        for j, goal in enumerate(model.goals)]
+        for j, goal in enumerate(model.goals)
+    ]
 
 
 @settings(max_examples=30, deadline=None)
@@ -69,17 +73,21 @@ def test_score_of_weights():
     reward, urgency, risk, resources = np.moveaxis(score.terms(states), -1, 0)
     expected = (3 * reward + 0.5 * urgency + 2 * (1 - risk) + (1 - resources)) / 6.5
     np.testing.assert_allclose(
-        score.of_goals(states), np.where(states[:, 4:7] > 0, expected, 0), atol=1e-12)
+        score.of_goals(states), np.where(states[:, 4:7] > 0, expected, 0), atol=1e-12
+    )
     doubled = PriorityScore(mission, PriorityWeights(6, 1, 4, 2))
     np.testing.assert_allclose(doubled.of_goals(states), score.of_goals(states), atol=1e-12)
 
 
-@pytest.mark.parametrize(('term', 'state', 'first'), [
-    ('urgency', [1, 1, 1, 1, 1, 2, 1, 0, 0, 0, 0], 2),  # Goal 1 weighs more.
-    ('risk', [1, 1, 1, 1, 1, 1, 1, 0, 0, 0, 0], 1),  # The ways to the others lead by cell 2.
-    ('resources', [1, 1, 1, 1, 1, 1, 1, 6, 0, 0, 0], 3),
-    ('resources', [1, 1, 1, 0, 1, 1, 1, 6, 0, 0, 0], 1),
-])
+@pytest.mark.parametrize(
+    ('term', 'state', 'first'),
+    [
+        ('urgency', [1, 1, 1, 1, 1, 2, 1, 0, 0, 0, 0], 2),  # Goal 1 weighs more.
+        ('risk', [1, 1, 1, 1, 1, 1, 1, 0, 0, 0, 0], 1),  # The ways to the others lead by cell 2.
+        ('resources', [1, 1, 1, 1, 1, 1, 1, 6, 0, 0, 0], 3),
+        ('resources', [1, 1, 1, 0, 1, 1, 1, 6, 0, 0, 0], 1),
+    ],
+)
 def test_each_term_decides_alone(term, state, first):
     weights = PriorityWeights(**{'reward': 0, term: 1})
     score = PriorityScore(mission_from_dict(case_study(), 'test'), weights)
@@ -88,8 +96,9 @@ def test_each_term_decides_alone(term, state, first):
 
 def chosen_by_recombination(subs, states):
     """Position of the sub-MDP whose values the rule hands on."""
-    tables = [np.full((len(states), len(sub.numbers)), position)
-              for position, sub in enumerate(subs)]
+    tables = [
+        np.full((len(states), len(sub.numbers)), position) for position, sub in enumerate(subs)
+    ]
     return highest_priority(subs, states, tables).min(axis=1)
 
 
@@ -118,12 +127,15 @@ def test_ranking_is_descending_and_equals_keep_their_order():
     assert ranked(np.array([0.2, 0.7, 0.2, 0.9, 0.7])).tolist() == [3, 1, 4, 0, 2]
 
 
-@pytest.mark.parametrize(('weights', 'message'), [
-    ({'risk': -0.1}, 'weight of risk: -0.1'),
-    ({'urgency': math.nan}, 'weight of urgency: nan'),
-    ({'resources': math.inf}, 'weight of resources: inf'),
-    ({'reward': 0}, 'all priority weights are 0'),
-])
+@pytest.mark.parametrize(
+    ('weights', 'message'),
+    [
+        ({'risk': -0.1}, 'weight of risk: -0.1'),
+        ({'urgency': math.nan}, 'weight of urgency: nan'),
+        ({'resources': math.inf}, 'weight of resources: inf'),
+        ({'reward': 0}, 'all priority weights are 0'),
+    ],
+)
 def test_weights_that_cannot_be(weights, message):
     with pytest.raises(ValueError, match=message):
         PriorityWeights(**weights)

@@ -11,8 +11,11 @@ from hypothesis import given, settings
 from strategies import case_study, missions, pick_states
 
 from uav_mission_manager import build_policy
-from uav_mission_manager.mdp import StateSpace, mission_from_dict
-from uav_mission_manager.solver import BellmanOperator, LookAhead, choose
+from uav_mission_manager.mdp import StateSpace, allowed_actions, mission_from_dict
+from uav_mission_manager.solver.exact import AxisModel, LookAhead, value_iteration
+from uav_mission_manager.solver.greedy import choose
+from uav_mission_manager.solver.recombination import best_value, highest_priority, summed
+from uav_mission_manager.solver.submdp import goal_sub_mdps, split_sub_mdps, whole_mission
 
 
 def one_goal(document, j, share, way=1):
@@ -53,7 +56,7 @@ class SplitSubMdp(BruteForce):
     def allowed(self, state, action):
         kind, _, own, _ = self.effect(action)
         if kind == 'commit' and not own:
-            strict = self.document.get('feasibility') != 'seed'
+            strict = self.document.get('feasibility') != 'paper'
             return not strict or self.completion(state[0]) > 0
         return kind == 'recharge' or super().allowed(state, action)
 
@@ -64,9 +67,18 @@ MODELS = {'best_value': GoalSubMdp, 'highest_priority': GoalSubMdp, 'split': Spl
 def seen_by(states, k, j):
     """Index in the sub-MDP of goal j (from 1) of the states it sees in global ones."""
     q = int(states[:, -4].max()) + 1
-    local = np.stack([
-        states[:, 0], states[:, j], states[:, k + j], states[:, -4], states[:, -3] == j,
-        states[:, -2], states[:, -1]], axis=1)
+    local = np.stack(
+        [
+            states[:, 0],
+            states[:, j],
+            states[:, k + j],
+            states[:, -4],
+            states[:, -3] == j,
+            states[:, -2],
+            states[:, -1],
+        ],
+        axis=1,
+    )
     return StateSpace(1, q).index(local)
 
 
@@ -76,10 +88,37 @@ def reference_tables(document, method, states):
     return [solve(MODELS[method](document, j)).q[seen_by(states, k, j)] for j in range(1, k + 1)]
 
 
-def package_tables(policy, states):
-    return [
-        LookAhead(BellmanOperator(solution.sub), solution.value).q_values(states)
-        for solution in policy.solutions]
+METHODS = {
+    'best_value': (goal_sub_mdps, best_value),
+    'highest_priority': (goal_sub_mdps, highest_priority),
+    'split': (split_sub_mdps, summed),
+}
+"""Sub-MDPs and the rule that recombines them."""
+
+
+def solved(mission, method):
+    return [value_iteration(sub) for sub in METHODS[method][0](mission)]
+
+
+def look_aheads(solutions):
+    return [LookAhead(AxisModel(solution.sub), solution.value) for solution in solutions]
+
+
+def recombination(mission, method):
+    """Q of all actions by the package, inf where not allowed, as a function of states."""
+    solutions = solved(mission, method)
+    ahead, subs = look_aheads(solutions), [solution.sub for solution in solutions]
+
+    def q_values(states):
+        q = METHODS[method][1](subs, states, [each.q_values(states) for each in ahead])
+        return np.where(allowed_actions(mission, states), q, np.inf)
+
+    return q_values
+
+
+def optimum(mission):
+    """Optimal Q as a function of states."""
+    return look_aheads([value_iteration(whole_mission(mission))])[0].q_values
 
 
 def all_cells(space, count):
@@ -90,16 +129,16 @@ def all_cells(space, count):
 
 
 def assert_sub_mdps(document, method):
-    policy = build_policy(mission_from_dict(document, 'test'), method)
-    states = all_cells(policy.space, 500)
-    for table, expected in zip(
-            package_tables(policy, states), reference_tables(document, method, states)):
+    mission = mission_from_dict(document, 'test')
+    states = all_cells(StateSpace(mission.k, mission.grid.q), 500)
+    tables = [ahead.q_values(states) for ahead in look_aheads(solved(mission, method))]
+    for table, expected in zip(tables, reference_tables(document, method, states)):
         np.testing.assert_array_equal(np.isinf(table), np.isinf(expected))
         allowed = np.isfinite(table)
         np.testing.assert_allclose(table[allowed], expected[allowed], rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize('feasibility', ['strict', 'seed'])
+@pytest.mark.parametrize('feasibility', ['strict', 'paper'])
 @pytest.mark.parametrize('method', ['best_value', 'split'])
 def test_sub_mdps_of_the_case_study(method, feasibility):
     assert_sub_mdps(case_study(feasibility=feasibility), method)
@@ -114,7 +153,7 @@ def test_sub_mdps_of_any_mission(document):
 
 def test_sub_mdp_is_the_one_goal_mission_where_every_action_is_allowed():
     """Not so in strict missions: the mission knows when recharging is of no use."""
-    for feasibility, same in (('seed', True), ('strict', False)):
+    for feasibility, same in (('paper', True), ('strict', False)):
         document = case_study(feasibility=feasibility)
         q = solve(GoalSubMdp(document, 2)).q
         alone = solve(BruteForce(one_goal(document, 2, 1.0, way=0))).q
@@ -131,7 +170,8 @@ def recombined(document, method, state, tables):
     else:
         scores = [
             goal['eta'] * state[1 + k + j] * state[1 + j]
-            for j, goal in enumerate(document['goals'])]
+            for j, goal in enumerate(document['goals'])
+        ]
     j = scores.index(max(scores)) + 1
     q = [np.inf] * (2 * k + 4)
     for local, number in enumerate([1, 1 + j, k + 2, k + 2 + j, 2 * k + 3, 2 * k + 4]):
@@ -139,15 +179,15 @@ def recombined(document, method, state, tables):
     return q
 
 
-@pytest.mark.parametrize('feasibility', ['strict', 'seed'])
+@pytest.mark.parametrize('feasibility', ['strict', 'paper'])
 @pytest.mark.parametrize('method', MODELS)
 def test_recombination_state_by_state(method, feasibility):
     document = case_study(feasibility=feasibility)
     model = BruteForce(document)
-    policy = build_policy(mission_from_dict(document, 'test'), method)
-    states = all_cells(policy.space, 2000)
+    states = all_cells(StateSpace(3, 8), 2000)
     tables = reference_tables(document, method, states)
-    q, actions = policy.q_values(states), policy.act(states)
+    q = recombination(mission_from_dict(document, 'test'), method)(states)
+    actions = choose(q)
     compared = 0
     for i, state in enumerate(map(tuple, states.tolist())):
         best, second = np.sort([table[i].min() for table in tables])[:2]
@@ -155,7 +195,8 @@ def test_recombination_state_by_state(method, feasibility):
             continue  # Which of the two is better is for rounding to say.
         expected = recombined(document, method, state, [table[i] for table in tables])
         expected = [
-            x if model.allowed(state, a) else np.inf for a, x in zip(model.actions, expected)]
+            x if model.allowed(state, a) else np.inf for a, x in zip(model.actions, expected)
+        ]
         assert q[i] == pytest.approx(expected, rel=0, abs=1e-5)
         assert model.allowed(state, int(actions[i]))
         assert expected[actions[i] - 1] == pytest.approx(min(expected), abs=1e-5)
@@ -163,22 +204,26 @@ def test_recombination_state_by_state(method, feasibility):
     assert compared > 1900
 
 
+def split_bound(mission, states):
+    """Sum of the split sub-MDPs' costs, each at its lower bound."""
+    return sum(
+        solution.lower + AxisModel(solution.sub).state_values(solution.value, states)
+        for solution in solved(mission, 'split')
+    )
+
+
 @pytest.fixture(scope='module')
 def whole():
     """Mission, all states and optimal Q of the case study."""
-    policy = build_policy(mission_from_dict(case_study(), 'test'))
-    states = policy.space.states()
-    return policy.mission, states, policy.q_values(states)
+    mission, states = mission_from_dict(case_study(), 'test'), StateSpace(3, 8).states()
+    return mission, states, optimum(mission)(states)
 
 
 def test_split_bounds_the_optimum_from_below_everywhere(whole):
     mission, states, q = whole
-    v = q.min(axis=1)
-    policy = build_policy(mission, 'split')
-    bound = policy.lower_bound(states)
+    v, bound = q.min(axis=1), split_bound(mission, states)
     assert (bound <= v + 1e-6).all()
-    assert np.mean((v - bound) / v) == pytest.approx(0.32, abs=0.005)
-    np.testing.assert_allclose(bound, policy.part_values(states).sum(axis=1), atol=1e-5)
+    assert np.mean((v - bound) / v) == pytest.approx(0.325, abs=0.005)
 
 
 def test_goal_sub_mdps_give_no_bound(whole):
@@ -190,15 +235,15 @@ def test_goal_sub_mdps_give_no_bound(whole):
 @given(missions([(1, 2), (2, 2)], [2]))
 def test_split_bounds_the_optimum_of_any_mission(document):
     mission = mission_from_dict(document, 'test')
-    exact, split = build_policy(mission), build_policy(mission, 'split')
-    states = exact.space.states()
-    assert (split.lower_bound(states) <= exact.q_values(states).min(axis=1) + 1e-6).all()
+    states = StateSpace(2, mission.grid.q).states()
+    v = optimum(mission)(states).min(axis=1)
+    assert (split_bound(mission, states) <= v + 1e-6).all()
 
 
 def test_agreement_of_split_with_the_optimum(whole):
-    """90.6 % the same action, 92.9 % within 0.1 % of V*: measured apart from this code."""
+    """90.8 % the same action, 93.4 % within 0.1 % of V*: measured apart from this code."""
     mission, states, q = whole
-    actions = build_policy(mission, 'split').act(states)
+    actions = choose(recombination(mission, 'split')(states))
     chosen = q[np.arange(len(states)), actions - 1]
-    assert np.mean(actions == choose(q)) == pytest.approx(0.906, abs=5e-4)
-    assert np.mean(chosen <= 1.001 * q.min(axis=1)) == pytest.approx(0.929, abs=5e-4)
+    assert np.mean(actions == choose(q)) == pytest.approx(0.908, abs=5e-4)
+    assert np.mean(chosen <= 1.001 * q.min(axis=1)) == pytest.approx(0.934, abs=5e-4)

@@ -9,11 +9,10 @@ import pytest
 from brute_force import BruteForce
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strategies import case_study, missions, pick_states
+from strategies import case_study, lively, missions, pick_states
+from test_recombination import recombination
 
-from uav_mission_manager import build_policy
-from uav_mission_manager.mdp import StateError, StateSpace, mission_from_dict
-from uav_mission_manager.solver import BellmanOperator, LookAhead, whole_mission
+from uav_mission_manager.mdp import StateError, StateSpace, cost, mission_from_dict
 from uav_mission_manager.solver.evaluation.policy_evaluation import evaluate, tabulate
 from uav_mission_manager.solver.evaluation.simulation import (
     ControlVariate,
@@ -21,6 +20,9 @@ from uav_mission_manager.solver.evaluation.simulation import (
     estimate,
     simulate,
 )
+from uav_mission_manager.solver.exact import AxisModel, LookAhead, value_iteration
+from uav_mission_manager.solver.greedy import choose
+from uav_mission_manager.solver.submdp import whole_mission
 
 DRAWS = 20_000
 
@@ -56,19 +58,9 @@ def test_transitions_of_any_mission(document, seed):
     assert_transitions(document, seed, 6)
 
 
-def test_transitions_where_all_happens_at_once():
-    """Every probability far from 0 and 1; base, service cell and goals in few cells."""
-    for feasibility in ('strict', 'seed'):
-        document = case_study(1, 2, feasibility=feasibility, grid={
-            'rows': 1, 'cols': 3, 'base': 0, 'service': 2})
-        for goal in document['goals']:
-            goal['cell'] = 1
-        document['faults'] |= {
-            'rate': dict.fromkeys(('sensor', 'actuator', 'camera'), 0.3),
-            'completion': [0.5] * 8, 'repair_success': 0.6}
-        document['range']['loss'] = {'normal': 0.3, 'agile': 0.6}
-        document['threat'].pop('zones', None)
-        assert_transitions(document, 0, 60)
+@pytest.mark.parametrize('feasibility', ['strict', 'paper'])
+def test_transitions_where_all_happens_at_once(feasibility):
+    assert_transitions(lively(feasibility=feasibility), 0, 60)
 
 
 @settings(max_examples=20, deadline=None)
@@ -80,110 +72,123 @@ def test_costs_and_what_is_allowed_in_any_mission(document):
         actions = np.full(len(states), action)
         expected = [model.cost(tuple(state), action) for state in states.tolist()]
         np.testing.assert_allclose(simulator.costs(states, actions), expected, atol=1e-9)
-        assert max(expected) <= simulator.largest_cost * (1 + 1e-12)
+        assert max(expected) <= cost.largest_stage_cost(simulator.mission) * (1 + 1e-12)
         for i, state in enumerate(map(tuple, states.tolist())):
             if model.allowed(state, action):
-                simulator.check(states[i:i + 1], actions[:1])
+                simulator.check(states[i : i + 1], actions[:1])
             else:
                 with pytest.raises(ValueError, match='is not allowed'):
-                    simulator.check(states[i:i + 1], actions[:1])
+                    simulator.check(states[i : i + 1], actions[:1])
 
 
 @pytest.fixture(scope='module')
 def split():
     """Mission, policy, start states and the exact cost of `split` in the case study."""
     mission = mission_from_dict(case_study(), 'test')
-    policy, sub = build_policy(mission, 'split'), whole_mission(mission)
-    start = pick_states(policy.space, 12, seed=5)
-    return mission, policy, start, evaluate(sub, tabulate(sub, policy.act)).state_values(start)
+    q_values, sub = recombination(mission, 'split'), whole_mission(mission)
+
+    def act(states):
+        return choose(q_values(states))
+
+    start = pick_states(StateSpace(3, 8), 12, seed=5)
+    return mission, act, start, evaluate(sub, tabulate(sub, act)).state_values(start)
 
 
-def optimum(mission):
-    policy = build_policy(mission)
-    return ControlVariate(lambda states: policy.part_values(states)[:, 0], policy.q_values)
+def control_by(mission, values):
+    """Control variate of a W, of the optimal one where it is None."""
+    model = AxisModel(whole_mission(mission))
+    if values is None:
+        values = value_iteration(model.sub).value
+    return ControlVariate(
+        lambda states: model.state_values(values, states), LookAhead(model, values).q_values
+    )
 
 
 def test_estimates_and_their_variance(split):
-    mission, policy, start, cost = split
+    mission, act, start, value = split
     plain, controlled = (
-        estimate(mission, policy.act, start, 200, np.random.default_rng(1), control)
-        for control in (None, optimum(mission)))
+        estimate(mission, act, start, 200, np.random.default_rng(1), control)
+        for control in (None, control_by(mission, None))
+    )
     for found in (plain, controlled):
-        assert ((found.lower <= cost) & (cost <= found.upper)).all()
-        score = (found.mean - cost) / found.error
+        assert ((found.lower <= value) & (value <= found.upper)).all()
+        score = (found.mean - value) / found.error
         assert np.abs(score).max() < 4
     assert controlled.error.mean() < plain.error.mean() / 3
     assert (controlled.upper - controlled.lower).mean() < (plain.upper - plain.lower).mean() / 3
 
 
 def test_any_value_function_leaves_the_mean_as_it_is(split):
-    mission, policy, start, cost = split
-    operator = BellmanOperator(whole_mission(mission))
-    values = np.random.default_rng(2).uniform(0, 300, operator.shape)
-    control = ControlVariate(
-        lambda states: operator.state_values(values, states),
-        LookAhead(operator, values).q_values)
-    found = estimate(mission, policy.act, start, 200, np.random.default_rng(3), control)
-    assert np.abs((found.mean - cost) / found.error).max() < 4
+    mission, act, start, value = split
+    shape = AxisModel(whole_mission(mission)).shape
+    control = control_by(mission, np.random.default_rng(2).uniform(0, 300, shape))
+    found = estimate(mission, act, start, 200, np.random.default_rng(3), control)
+    assert np.abs((found.mean - value) / found.error).max() < 4
 
 
 def test_without_a_policy_the_least_q_decides(split):
     mission, _, start, _ = split
-    policy, control = build_policy(mission), optimum(mission)
+    control = control_by(mission, None)
     runs = [
         simulate(mission, act, start, 30, np.random.default_rng(1), control)
-        for act in (policy.act, None)]
+        for act in (lambda states: choose(control.q_values(states)), None)
+    ]
     assert np.array_equal(runs[0][0], runs[1][0])
     assert np.array_equal(runs[0][1], runs[1][1])
 
 
 @pytest.mark.parametrize('truncation', [0.3, 0.9])
 def test_bounds_hold_of_episodes_cut_short(split, truncation):
-    mission, policy, start, cost = split
-    for control in (None, optimum(mission)):
+    mission, act, start, value = split
+    for control in (None, control_by(mission, None)):
         found = estimate(
-            mission, policy.act, start, 50, np.random.default_rng(4), control,
-            truncation=truncation)
+            mission, act, start, 50, np.random.default_rng(4), control, truncation=truncation
+        )
         assert mission.discount**found.horizon <= truncation
-        assert mission.discount**(found.horizon - 1) > truncation
-        assert ((found.lower <= cost) & (cost <= found.upper)).all()
+        assert mission.discount ** (found.horizon - 1) > truncation
+        assert ((found.lower <= value) & (value <= found.upper)).all()
 
 
 def test_confidence_is_that_of_student():
     """Of many intervals from three episodes that many hold the cost."""
     mission = mission_from_dict(case_study(1), 'test')
-    policy, start = build_policy(mission), pick_states(StateSpace(1, 8), 1)
-    cost = policy.part_values(start)[0, 0]
+    control, start = control_by(mission, None), pick_states(StateSpace(1, 8), 1)
+    value = control.values(start)[0]
     found = estimate(
-        mission, policy.act, np.repeat(start, 2000, axis=0), 3, np.random.default_rng(5),
-        confidence=0.8, truncation=1e-4)
-    tail = mission.discount**found.horizon * Simulator(mission).largest_cost
-    inside = (found.lower <= cost) & (cost <= found.upper - tail / (1 - mission.discount))
+        mission,
+        lambda states: choose(control.q_values(states)),
+        np.repeat(start, 2000, axis=0),
+        3,
+        np.random.default_rng(5),
+        confidence=0.8,
+        truncation=1e-4,
+    )
+    tail = mission.discount**found.horizon * cost.largest_stage_cost(mission)
+    inside = (found.lower <= value) & (value <= found.upper - tail / (1 - mission.discount))
     assert inside.mean() == pytest.approx(0.8, abs=0.05)
 
 
 def test_the_same_seed_the_same_episodes(split):
-    mission, policy, start, _ = split
-    runs = [
-        simulate(mission, policy.act, start, 30, np.random.default_rng(seed))
-        for seed in (1, 1, 2)]
+    mission, act, start, _ = split
+    runs = [simulate(mission, act, start, 30, np.random.default_rng(seed)) for seed in (1, 1, 2)]
     assert np.array_equal(runs[0][0], runs[1][0])
     assert np.array_equal(runs[0][1], runs[1][1])
     assert not np.array_equal(runs[0][0], runs[2][0])
 
 
 def test_what_cannot_be_simulated(split):
-    mission, policy, start, _ = split
+    mission, act, start, _ = split
     rng = np.random.default_rng(0)
     out_of_range = [1, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0]
     for action in (0, 11, 3):
         with pytest.raises(ValueError, match=rf'action {action} is not allowed in state \[1, 0'):
-            simulate(mission, lambda states, a=action: np.full(len(states), a), out_of_range, 1,
-                     rng)
+            simulate(
+                mission, lambda states, a=action: np.full(len(states), a), out_of_range, 1, rng
+            )
     with pytest.raises(StateError, match='l = 8'):
-        simulate(mission, policy.act, [1, 0, 0, 0, 2, 0, 0, 8, 0, 0, 0], 1, rng)
+        simulate(mission, act, [1, 0, 0, 0, 2, 0, 0, 8, 0, 0, 0], 1, rng)
     with pytest.raises(ValueError, match='neither act nor control'):
         simulate(mission, None, start, 1, rng)
     for settings_ in ({'episodes': 1}, {'truncation': 0.0}, {'confidence': 1.0}):
         with pytest.raises(ValueError, match=next(iter(settings_))):
-            estimate(mission, policy.act, start, **{'episodes': 5, 'rng': rng, **settings_})
+            estimate(mission, act, start, **{'episodes': 5, 'rng': rng, **settings_})

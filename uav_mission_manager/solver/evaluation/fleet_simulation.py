@@ -12,21 +12,14 @@ is committed to it). For one UAV that is the stage cost J(s, a).
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from uav_mission_manager.mdp.dynamics import priority_matrices
+from uav_mission_manager.mdp.arrays import FloatArray, IntArray
+from uav_mission_manager.mdp.cost import commitment_savings, goal_costs
 from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.solver.evaluation.simulation import Simulator
-from uav_mission_manager.solver.recombination.fleet import FleetPlanner
-
-IntArray = NDArray[np.int64]
-FloatArray = NDArray[np.float64]
-
-STANDING = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-"""P(g' | g) of a goal whose priority does not change by itself."""
+from uav_mission_manager.solver.recombination import FleetPlanner
 
 
 class FleetSimulator:
@@ -34,43 +27,44 @@ class FleetSimulator:
 
     def __init__(self, mission: Mission) -> None:
         self.mission = mission
-        self._eta = np.array([goal.eta for goal in mission.goals])
-        self._delta = np.array([goal.delta for goal in mission.goals])
-        self._priority = np.cumsum(np.stack(priority_matrices(mission)), axis=-1)
-        # Where priorities stand still, one that is 0 after the epoch has been completed in it.
-        goals = tuple(replace(goal, priority_transition=STANDING) for goal in mission.goals)
-        self._alone = Simulator(replace(mission, goals=goals))
+        self._uav = Simulator(mission)
+        self._savings = commitment_savings(mission)
+        # What a goal costs the fleet: range lost, a cost where g_j = 0 too, each UAV has for itself.
+        costs = goal_costs(mission)
+        self._shared = costs - costs[:, :1]
 
     def costs(self, fleets: IntArray, actions: IntArray) -> FloatArray:
         """Stage costs of fleets and their action numbers (N, n), shape (N,)."""
-        k = self.mission.k
-        r, g = fleets[..., 1 : 1 + k], fleets[:, 0, 1 + k : 1 + 2 * k]
-        committed = fleets[..., -3, None] == np.arange(1, k + 1)
-        reached, covered = r.max(axis=1), (r * committed).max(axis=1)
-        cost = self._eta * g * (reached - covered) + self._delta * g * (1 - reached)
-        alone = self._alone.costs(self._with_priority(fleets, 0), actions.ravel())
-        return cost.sum(axis=1) + alone.reshape(actions.shape).sum(axis=1)
+        alone = fleets.copy()
+        s, own = self._uav.space.split(fleets), self._uav.space.split(alone)
+        own.g[:] = 0
+        goals = np.arange(self.mission.k)
+        committed = s.c[..., None] == goals + 1
+        g, reached, covered = s.g[:, 0], s.r.max(axis=1), (s.r * committed).max(axis=1)
+        shared = self._shared[goals, g, reached] - self._savings[goals, g, covered]
+        uavs = self._uav.costs(_rows(alone), actions.ravel()).reshape(actions.shape)
+        return np.asarray(shared.sum(axis=1) + uavs.sum(axis=1))
 
     def step(self, fleets: IntArray, actions: IntArray, rng: np.random.Generator) -> IntArray:
         """Draw the next states, shape (N, n, 2k+5).
 
-        However the UAVs act, an epoch draws as many numbers, each for the same purpose.
+        Raises
+        ------
+        ValueError
+            If an action is not allowed.
         """
-        k = self.mission.k
-        self._alone.check(fleets.reshape(-1, fleets.shape[2]), actions.ravel())
-        after = self._alone.step(self._with_priority(fleets, 2), actions.ravel(), rng)
-        after = after.reshape(fleets.shape)
-        completed = (after[..., 1 + k : 1 + 2 * k] == 0).any(axis=1)
-        rows = self._priority[np.arange(k), fleets[:, 0, 1 + k : 1 + 2 * k]]
-        drawn = (rng.random(completed.shape)[..., None] >= rows[..., :2] / rows[..., 2:]).sum(-1)
-        after[..., 1 + k : 1 + 2 * k] = np.where(completed, 0, drawn)[:, None]
+        states, chosen = _rows(fleets), actions.ravel()
+        self._uav.check(states, chosen)
+        drawn, completed = self._uav.act(states, chosen, rng)
+        after, by_fleet = drawn.reshape(fleets.shape), completed.reshape(*actions.shape, -1)
+        g = self._uav.space.split(after).g
+        g[:] = self._uav.priorities(g[:, 0], by_fleet.max(axis=1), rng)[:, None]
         return after
 
-    def _with_priority(self, fleets: IntArray, level: int) -> IntArray:
-        """The UAVs one by one, shape (N n, 2k+5), every goal at one priority."""
-        states = fleets.reshape(-1, fleets.shape[2]).copy()
-        states[:, 1 + self.mission.k : 1 + 2 * self.mission.k] = level
-        return states
+
+def _rows(fleets: IntArray) -> IntArray:
+    """The UAVs one by one, shape (N n, 2k+5)."""
+    return fleets.reshape(-1, fleets.shape[2])
 
 
 def simulate_fleets(

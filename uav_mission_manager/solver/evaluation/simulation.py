@@ -1,7 +1,7 @@
 """Simulation of independent episodes of a mission, all stepped at once.
 
-Every variable is drawn from its own matrix of `uav_mission_manager.mdp.dynamics`; nothing of the
-solver's arrays is used, and nothing grows with the number of states.
+Costs, what is allowed and every draw come from `uav_mission_manager.mdp`, each variable from its
+own matrix; nothing of the solver's arrays is used, and nothing grows with the number of states.
 
 With a value function V' and Q'(s, a) = J(s, a) + discount E[V'(s') | s, a] as control variates
 an episode's sample of V^pi(s_0) is V'(s_0) + sum_t discount^t (Q'(s_t, a_t) - V'(s_t)). It has
@@ -16,22 +16,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
+from uav_mission_manager.mdp import dynamics
 from uav_mission_manager.mdp.actions import global_actions
-from uav_mission_manager.mdp.dynamics import (
-    failure_matrices,
-    priority_matrices,
-    range_matrix,
-    threat_matrices,
-)
+from uav_mission_manager.mdp.arrays import BoolArray, FloatArray, IntArray
+from uav_mission_manager.mdp.cost import StageCost, largest_stage_cost
+from uav_mission_manager.mdp.feasibility import allowed_actions
 from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.mdp.states import StateSpace
-from uav_mission_manager.solver.recombination.rules import choose
-
-IntArray = NDArray[np.int64]
-FloatArray = NDArray[np.float64]
+from uav_mission_manager.solver.greedy import choose
 
 
 @dataclass(frozen=True)
@@ -72,61 +67,39 @@ class Estimate:
 
 
 class Simulator:
-    """One epoch of a mission for many independent UAVs."""
+    """One epoch of a mission for many independent UAVs.
+
+    However they act, an epoch draws as many random numbers, each for the same purpose.
+
+    Attributes
+    ----------
+    mission : Mission
+    space : StateSpace
+    costs : StageCost
+        J(s, a) of states (N, 2k+5) and action numbers (N,), shape (N,).
+    """
 
     def __init__(self, mission: Mission) -> None:
         self.mission, self.space = mission, StateSpace(mission.k, mission.grid.q)
+        self.costs = StageCost(mission)
         actions = global_actions(mission)
-        self._kind = np.array([action.kind for action in actions])
-        self._goal = np.array([action.goal for action in actions])
-        self._agile = np.array([action.agile for action in actions]).astype(int)
-        self._destination = np.array([action.destination for action in actions])
-        self._cells = np.array([goal.cell for goal in mission.goals])
-        self._hops, self._distances = mission.grid.next_hops(), mission.grid.distances()
-        modes = (False, True)
-        self._failure = np.array([[p[0, 1] for p in failure_matrices(mission, m)] for m in modes])
-        self._loss = np.array([range_matrix(mission, m)[1, 0] for m in modes])
-        self._priority = _cumulative(np.stack(priority_matrices(mission)))
-        self._threat = _cumulative(threat_matrices(mission))
-        self._completion = np.array(mission.faults.completion)
-
-    def costs(self, states: IntArray, actions: IntArray) -> FloatArray:
-        """J(s, a) of states (N, 2k+5) and action numbers (N,), shape (N,)."""
-        mission, (f, r, g, cell, c, t, m) = self.mission, self._split(states)
-        eta = np.array([goal.eta for goal in mission.goals])
-        delta = np.array([goal.delta for goal in mission.goals])
-        waiting = c[:, None] != np.arange(1, mission.k + 1)
-        goals = eta * g * r * waiting + (delta * g + mission.range.cost / mission.k) * (1 - r)
-        a = actions - 1
-        cost = goals.sum(axis=1) + np.array(mission.faults.cost)[f - 1]
-        cost += np.array(mission.threat.cost)[t, m]
-        cost += mission.distance_weight * self._distances[cell, self._destination[a]]
-        for kind, price in vars(mission.service_cost).items():
-            cost += price * ((self._kind[a] == kind) & (cell == mission.grid.service))
-        return cost
-
-    @property
-    def largest_cost(self) -> float:
-        """Bound on J(s, a) from above; it is nowhere below 0."""
-        mission = self.mission
-        lost = mission.range.cost / mission.k
-        goals = sum(max(2 * goal.eta, 2 * goal.delta + lost) for goal in mission.goals)
-        way = mission.distance_weight * self._distances.max()
-        service = max(vars(mission.service_cost).values())
-        threat = np.max(mission.threat.cost)
-        return float(goals + way + service + max(mission.faults.cost) + threat)
+        self._goal = np.array([-1 if a.goal is None else a.goal for a in actions])
+        self._commitment = np.array([action.commitment for action in actions])
+        self._agile = np.array([int(action.agile) for action in actions])
+        self._landings, self._regimes = dynamics.landings(mission), dynamics.regimes(mission)
+        self._may_complete = dynamics.may_complete(mission)
+        self._completion = dynamics.completion_probabilities(mission)
+        self._faults = _cumulative(dynamics.fault_matrices(mission))
+        self._ranges = _cumulative(dynamics.range_matrices(mission))
+        self._priorities = _cumulative(dynamics.priority_matrices(mission))
+        self._threat = _cumulative(dynamics.threat_matrices(mission))
 
     def check(self, states: IntArray, actions: IntArray) -> None:
         """Raise `ValueError` where there is no such action or it is not allowed."""
-        f, r, g, *_ = self._split(states)
-        known = (actions >= 1) & (actions <= len(self._kind))
+        known = (actions >= 1) & (actions <= len(self._goal))
         a = np.where(known, actions, 1) - 1
-        kind, j, row = self._kind[a], self._goal[a] - 1, np.arange(len(states))
-        allowed = (g[row, j] > 0) & (r[row, j] == 1) & (self._completion[f - 1] > 0)
-        allowed = np.where(kind == 'recharge', (r == 0).any(axis=1), allowed)
-        allowed = np.where(kind == 'repair', f > 1, allowed)
-        allowed |= (kind == 'none') | (self.mission.feasibility == 'seed')
-        bad = np.flatnonzero(~(known & allowed))
+        allowed = known & allowed_actions(self.mission, states)[np.arange(len(states)), a]
+        bad = np.flatnonzero(~allowed)
         if bad.size:
             raise ValueError(
                 f'action {actions[bad[0]]} is not allowed in state {states[bad[0]].tolist()}'
@@ -134,37 +107,40 @@ class Simulator:
 
     def step(self, states: IntArray, actions: IntArray, rng: np.random.Generator) -> IntArray:
         """Draw the next states, shape (N, 2k+5)."""
-        mission, (f, r, g, cell, c, t, _) = self.mission, self._split(states)
-        grid, a, n = mission.grid, actions - 1, len(states)
-        agile, after = self._agile[a], self._hops[cell, self._destination[a]]
-        kind, serviced = self._kind[a], cell == grid.service
-        resting = (kind == 'none') & (agile == 0) & (cell == grid.base)
-        recharging, repairing = serviced & (kind == 'recharge'), serviced & (kind == 'repair')
-        flying = ~(resting | recharging | repairing)[:, None]
-        bits = f[:, None] - 1 >> np.arange(3) & 1
-        bits |= flying & (rng.random((n, 3)) < self._failure[agile])
-        repaired = repairing & (rng.random(n) < mission.faults.repair_success)
-        r_next = r & ~(flying & (rng.random(r.shape) < self._loss[agile][:, None]))
-        g_next = _draw(self._priority[np.arange(mission.k), g], rng)
-        completed = (c > 0) & (cell == self._cells[c - 1])
-        completed &= rng.random(n) < self._completion[f - 1]
-        g_next[completed, c[completed] - 1] = 0
-        return np.column_stack(
-            [
-                np.where(repaired, 1, 1 + bits @ [1, 2, 4]),
-                np.where(recharging[:, None], 1, r_next),
-                g_next,
-                after,
-                np.where(completed, 0, self._goal[a]),
-                _draw(self._threat[after, t], rng),
-                agile,
-            ]
-        )
+        after, completed = self.act(states, actions, rng)
+        g = self.space.split(after).g
+        g[:] = self.priorities(g, completed, rng)
+        return after
 
-    def _split(self, states: IntArray) -> tuple[IntArray, ...]:
-        """Variables f, r (N, k), g (N, k), l, c, t, m."""
-        k = self.mission.k
-        return states[:, 0], states[:, 1 : 1 + k], states[:, 1 + k : 1 + 2 * k], *states.T[-4:]
+    def act(
+        self, states: IntArray, actions: IntArray, rng: np.random.Generator
+    ) -> tuple[IntArray, BoolArray]:
+        """Draw what becomes of the UAVs themselves.
+
+        Returns
+        -------
+        after : int array (N, 2k+5)
+            The next states, but with the priorities at hand.
+        completed : bool array (N, k)
+            The goals that are completed in the epoch.
+        """
+        a, s, after = actions - 1, self.space.split(states), states.copy()
+        regime, to = self._regimes[a, s.l], self.space.split(after)
+        completing = rng.random(len(a)) < self._completion[s.f - 1]
+        completing &= self._may_complete[a, s.l]
+        to.f[:] = _draw(self._faults[regime, s.f - 1], rng) + 1
+        to.r[:] = _draw(self._ranges[regime[:, None], s.r], rng)
+        to.l[:] = self._landings[a, s.l]
+        to.c[:] = np.where(completing, 0, self._commitment[a])
+        to.t[:] = _draw(self._threat[to.l, s.t], rng)
+        to.m[:] = self._agile[a]
+        goals = self._goal[a, None] == np.arange(self.mission.k)
+        return after, completing[:, None] & goals
+
+    def priorities(self, g: IntArray, completed: BoolArray, rng: np.random.Generator) -> IntArray:
+        """Draw the next priorities of all goals, each 0 where it is completed, shape (N, k)."""
+        drawn = _draw(self._priorities[np.arange(self.mission.k), g], rng)
+        return np.where(completed, 0, drawn)
 
 
 def simulate(
@@ -265,7 +241,7 @@ def estimate(
     horizon = math.ceil(math.log(truncation) / math.log(mission.discount))
     samples, states = simulate(mission, act, rows, horizon, rng, control)
     weight = mission.discount**horizon
-    most = weight * Simulator(mission).largest_cost / (1 - mission.discount)
+    most = weight * largest_stage_cost(mission) / (1 - mission.discount)
     held = 0.0 if control is None else weight * control.values(states)
     quantile = float(stdtrit(episodes - 1, (1 + confidence) / 2))
     mean, error = _mean(samples, episodes)
@@ -286,11 +262,12 @@ def _mean(samples: FloatArray, episodes: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _cumulative(matrices: FloatArray) -> FloatArray:
-    """P(x' <= 0) and P(x' <= 1) of rows of three probabilities, shape (..., 2)."""
+    """P(x' <= i | x) for all i but the last, of transition matrices (..., n), (..., n - 1)."""
     sums = np.cumsum(matrices, axis=-1)
-    return sums[..., :2] / sums[..., 2:]  # 1, not nearly, where x' = 2 is impossible.
+    # Divided, so that it is 1, not nearly, from the last x' that is possible.
+    return np.asarray(sums[..., :-1] / sums[..., -1:])
 
 
 def _draw(cumulative: FloatArray, rng: np.random.Generator) -> IntArray:
-    """Draw x' in 0..2 from rows of `_cumulative`."""
-    return (rng.random(cumulative.shape[:-1])[..., None] >= cumulative).sum(axis=-1)
+    """Draw x' from 0 from rows of `_cumulative`."""
+    return np.asarray((rng.random(cumulative.shape[:-1])[..., None] >= cumulative).sum(axis=-1))

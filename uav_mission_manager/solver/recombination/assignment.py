@@ -18,14 +18,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from uav_mission_manager.mdp.arrays import BoolArray, FloatArray, IntArray
 from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.solver.recombination.priority import PriorityWeights
-
-IntArray = NDArray[np.int64]
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -35,14 +32,14 @@ class Limits:
     Attributes
     ----------
     before : bool array (k, k)
-        Over (j, i): whether goal j waits until goal i is complete.
+        Over (j, i): whether goal j waits until goal i is complete before agents are sent.
     counts : int array (k,)
         Minimal agent counts.
     thresholds : float array (k,)
         C_j^min.
     """
 
-    before: NDArray[np.bool_]
+    before: BoolArray
     counts: IntArray
     thresholds: FloatArray
 
@@ -55,7 +52,7 @@ class FleetRules:
     ----------
     weights : PriorityWeights
     preconditions : mapping of goal to goals
-        Goals to be complete, before agents are sent, for a goal to be begun.
+        Goals to be complete before agents are sent, that is achieved, for a goal to be begun.
     agents : mapping of goal to int
         Minimal agent counts; 1 for the rest.
     thresholds : mapping of goal to float
@@ -100,7 +97,7 @@ class Board:
 
     Parameters
     ----------
-    brings : float array (N, n, k)
+    contributions : float array (N, n, k)
         What each agent adds to E_j when it acts for goal j.
     rewards : float array (N, k)
         E_j before any agent is sent.
@@ -116,9 +113,9 @@ class Board:
         Goal each agent acts for, -1 for none.
     """
 
-    def __init__(self, brings: FloatArray, rewards: FloatArray, limits: Limits) -> None:
-        fleets, agents, goals = brings.shape
-        self.brings, self.rewards, self.limits = brings, rewards, limits
+    def __init__(self, contributions: FloatArray, rewards: FloatArray, limits: Limits) -> None:
+        fleets, agents, goals = contributions.shape
+        self.contributions, self.rewards, self.limits = contributions, rewards, limits
         self.complete = rewards >= limits.thresholds
         self.ready = ~(limits.before & ~self.complete[:, None]).any(axis=2)
         self.acting = np.zeros((fleets, goals), np.int64)
@@ -129,14 +126,12 @@ class Board:
         """Agents that must join a goal together, shape (N, k)."""
         return np.maximum(self.limits.counts - self.acting, 1)
 
-    def open(self) -> NDArray[np.bool_]:
+    def open(self) -> BoolArray:
         """Goals whose queues take agents, shape (N, k)."""
         free = (self.pursued < 0).sum(axis=1, keepdims=True)
         return self.ready & ~self.complete & (self.need() <= free)
 
-    def join(
-        self, rows: IntArray, agents: IntArray, goals: IntArray, queued: NDArray[np.bool_]
-    ) -> None:
+    def join(self, rows: IntArray, agents: IntArray, goals: IntArray, queued: BoolArray) -> None:
         """Let one agent of each of some fleets act for a goal, queued where the mask says.
 
         Fleets, agents and goals are of shape (M,), the mask of (M, k).
@@ -145,7 +140,7 @@ class Board:
         self.queues[rows, :, agents] = np.where(queued, places, -1)
         self.pursued[rows, agents] = goals
         self.acting[rows, goals] += 1
-        self.rewards[rows, goals] += self.brings[rows, agents, goals]
+        self.rewards[rows, goals] += self.contributions[rows, agents, goals]
         enough = self.rewards[rows, goals] >= self.limits.thresholds[goals]
         manned = self.acting[rows, goals] >= self.limits.counts[goals]
         self.complete[rows, goals] = enough & manned
@@ -203,7 +198,7 @@ def matching(gains: FloatArray, goals: IntArray, need: IntArray) -> IntArray:
     return matched
 
 
-def _preconditions(mission: Mission, graph: Mapping[str, Sequence[str]]) -> NDArray[np.bool_]:
+def _preconditions(mission: Mission, graph: Mapping[str, Sequence[str]]) -> BoolArray:
     before = np.zeros((mission.k, mission.k), bool)
     for j, earlier in zip(_positions(mission, 'preconditions', graph), graph.values()):
         before[j, _positions(mission, 'preconditions', earlier)] = True

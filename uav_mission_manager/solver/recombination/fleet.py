@@ -2,10 +2,10 @@
 
 Each UAV has its own f, r, l, c, t and m; the priorities g are the mission's. In every decision
 the goal-wise sub-MDPs are ranked into L by their best agent's score (see
-`uav_mission_manager.solver.recombination.priority`), and agents join the queues of those that are open: not
-complete (C_j = 0), with all preconditions complete before agents are sent, and needing no more
-agents than are left. An agent in several queues takes the action of the one first in L (see
-`uav_mission_manager.solver.recombination.assignment`).
+`uav_mission_manager.solver.recombination.priority`), and agents join the queues of those that are
+open: not complete (C_j = 0), with all preconditions complete before agents are sent, and needing
+no more agents than are left. An agent in several queues takes the action of the one first in L
+(see `uav_mission_manager.solver.recombination.assignment`).
 
 What agent k brings to sub-MDP j is what pursuing the goal saves against being idle for it,
 
@@ -14,10 +14,11 @@ What agent k brings to sub-MDP j is what pursuing the goal saves against being i
 V_j^idle the value of the sub-MDP without its commit actions. The expected reward counts a goal
 achieved as 1 and an agent acting for it as what it brings of what the best placed one would:
 
-    E_j = P(g_j achieved after this epoch by agents on site) + sum G_j(s_k) / max G_j,
+    E_j = [g_j = 0] + sum over the agents acting for j of G_j(s_k) / max G_j,
 
-the first 1 where g_j = 0, the sum over the agents acting for j, the maximum at the g_j at hand.
-M_j is complete where E_j >= C_j^min: at once, or when the agents asked for have joined.
+the maximum at the g_j at hand. It is 0 for a goal that is wanted and that nobody acts for, even
+where an agent stands on its cell: only an action that commits to the goal completes it. M_j is
+complete where E_j >= C_j^min: at once, or when the agents asked for have joined.
 """
 
 from __future__ import annotations
@@ -28,18 +29,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from uav_mission_manager.mdp.actions import ActionKind
+from uav_mission_manager.mdp.arrays import BoolArray, FloatArray, IndexArray, IntArray
+from uav_mission_manager.mdp.feasibility import allowed_actions
 from uav_mission_manager.mdp.mission import Goal, Mission
+from uav_mission_manager.mdp.routes import distances
 from uav_mission_manager.mdp.states import StateSpace
-from uav_mission_manager.solver.exact.look_ahead import LookAhead
-from uav_mission_manager.solver.exact.value_iteration import value_iteration
+from uav_mission_manager.solver.exact import AxisModel, LookAhead, value_iteration
+from uav_mission_manager.solver.greedy import choose
 from uav_mission_manager.solver.recombination.assignment import Board, FleetRules, match, queue
 from uav_mission_manager.solver.recombination.priority import PriorityScore, ranked
-from uav_mission_manager.solver.recombination.rules import choose
-from uav_mission_manager.solver.reduced import BellmanOperator
 from uav_mission_manager.solver.submdp import SubMdp, goal_sub_mdps
-
-IntArray = NDArray[np.int64]
-FloatArray = NDArray[np.float64]
 
 ASSIGNMENTS = ('queue', 'optimal')
 
@@ -52,8 +52,8 @@ class LocalPolicy:
     ----------
     look_ahead : LookAhead
         V_j, and Q_j, whose minimum gives pi_j.
-    gain : float array, shape as W
-        G_j over place, (t, g), (f, r).
+    gain : float array (q, 9, 16)
+        G_j over l, (t, g_j), (f, r_j).
     best_gain : float array (3,)
         max G_j by g_j; 0 where no more than rounding.
     expected_return : float
@@ -65,9 +65,13 @@ class LocalPolicy:
     best_gain: FloatArray
     expected_return: float
 
+    def gains(self, states: IntArray) -> FloatArray:
+        """G_j(s) of states (N, 2k+5), shape (N,)."""
+        return self.gain[self.look_ahead.model.locate(states)]
+
 
 @dataclass(frozen=True)
-class Plan:
+class FleetPlan:
     """A decision for N fleets of n agents; goals and agents counted from 0.
 
     Attributes
@@ -86,10 +90,10 @@ class Plan:
     """
 
     scores: FloatArray
-    ranking: IntArray
+    ranking: IndexArray
     queues: IntArray
     rewards: FloatArray
-    complete: NDArray[np.bool_]
+    complete: BoolArray
     pursued: IntArray
     actions: IntArray
 
@@ -134,8 +138,8 @@ class FleetPlanner:
         self._limits = self.rules.limits(mission)
         self._space = StateSpace(mission.k, mission.grid.q)
         self._score = PriorityScore(mission, self.rules.weights)
-        self._cells = np.array([goal.cell for goal in mission.goals])
-        self._distances = mission.grid.distances()[:, self._cells]
+        ways = [distances(mission.grid, goal.cell) for goal in mission.goals]
+        self._distances = np.stack(ways, axis=1)
         order = ranked(self._scores(self._checked(np.asarray(agents)[None])))[0].tolist()
         self.order = tuple(mission.goals[j].name for j in order)
         subs = goal_sub_mdps(mission)
@@ -157,14 +161,14 @@ class FleetPlanner:
         return FleetPlanner(mission, agents, self.rules, self.known)
 
     def plan(
-        self, fleets: ArrayLike, previous: Plan | None = None, assignment: str = 'queue'
-    ) -> Plan:
+        self, fleets: ArrayLike, previous: FleetPlan | None = None, assignment: str = 'queue'
+    ) -> FleetPlan:
         """Decide for fleets of states (N, n, 2k+5).
 
         Parameters
         ----------
         fleets : int array
-        previous : Plan, optional
+        previous : FleetPlan, optional
             The fleets' last decision: in queues, who pursued the goal goes first.
         assignment : {'queue', 'optimal'}
 
@@ -185,7 +189,7 @@ class FleetPlanner:
             queue(board, self._nearness(states, previous), ranking)
         else:
             match(board, gains)
-        return Plan(
+        return FleetPlan(
             scores=scores,
             ranking=ranking,
             queues=board.queues,
@@ -196,11 +200,11 @@ class FleetPlanner:
         )
 
     def _checked(self, fleets: NDArray[np.integer]) -> IntArray:
-        k = self.mission.k
         if fleets.ndim != 3 or not fleets.shape[1]:
-            raise ValueError(f'fleets have shape {fleets.shape}, not (N, n, {2 * k + 5})')
+            variables = 2 * self.mission.k + 5
+            raise ValueError(f'fleets have shape {fleets.shape}, not (N, n, {variables})')
         states = self._space.check(fleets.reshape(-1, fleets.shape[2])).reshape(fleets.shape)
-        g = states[..., 1 + k : 1 + 2 * k]
+        g = self._space.split(states).g
         differ = np.flatnonzero((g != g[:, :1]).any(axis=(1, 2)))
         if differ.size:
             of = g[differ[0]].tolist()
@@ -215,25 +219,21 @@ class FleetPlanner:
     def _gains(self, fleets: IntArray) -> FloatArray:
         """G_j(s_k), shape (N, n, k)."""
         rows = fleets.reshape(-1, fleets.shape[2])
-        gains = [p.gain[p.look_ahead.operator.locate(rows)] for p in self.policies]
-        return np.stack(gains, axis=1).reshape(*fleets.shape[:2], -1)
+        gains = np.stack([policy.gains(rows) for policy in self.policies], axis=1)
+        return gains.reshape(*fleets.shape[:2], -1)
 
     def _rewards(self, fleets: IntArray, gains: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What each agent brings, shape (N, n, k), and E_j without agents sent, (N, k)."""
-        k, commitment = self.mission.k, fleets[..., -3, None]
-        g = fleets[:, 0, 1 + k : 1 + 2 * k]
+        """What each agent adds to E_j, shape (N, n, k), and E_j without agents, (N, k)."""
+        g = self._space.split(fleets).g[:, 0]
         best = np.stack([p.best_gain[g[:, j]] for j, p in enumerate(self.policies)], axis=1)
         # Where nothing can be gained one agent is enough.
-        brings = np.ones_like(gains)
-        np.divide(gains, best[:, None], out=brings, where=best[:, None] > 0)
-        on_site = (commitment == np.arange(1, k + 1)) & (fleets[..., -4, None] == self._cells)
-        completion = np.array(self.mission.faults.completion)[fleets[..., 0] - 1]
-        missed = np.prod(1 - completion[..., None] * on_site, axis=1)
-        return brings, np.where(g == 0, 1.0, 1 - missed)
+        contributions = np.ones_like(gains)
+        np.divide(gains, best[:, None], out=contributions, where=best[:, None] > 0)
+        return contributions, (g == 0).astype(float)
 
-    def _nearness(self, fleets: IntArray, previous: Plan | None) -> FloatArray:
-        """Distance of each agent to each goal, shape (N, n, k), below 0 for who pursued it."""
-        distances = self._distances[fleets[..., -4]]
+    def _nearness(self, fleets: IntArray, previous: FleetPlan | None) -> FloatArray:
+        """Distance of each agent to each goal, (N, n, k); below 0 for who pursued it."""
+        nearness = self._distances[self._space.split(fleets).l]
         if previous is not None:
             if previous.pursued.shape != fleets.shape[:2]:
                 raise ValueError(
@@ -241,31 +241,31 @@ class FleetPlanner:
                     f'not {fleets.shape[:2]}'
                 )
             held = previous.pursued[..., None] == np.arange(self.mission.k)
-            distances -= self.mission.grid.q * held
-        return distances
+            nearness -= self.mission.grid.q * held
+        return nearness
 
-    def _actions(self, fleets: IntArray, pursued: IntArray, ranking: IntArray) -> IntArray:
+    def _actions(self, fleets: IntArray, pursued: IntArray, ranking: IndexArray) -> IntArray:
         """The joint policy: a_k = pi_j(s_k) of the goal that agent k pursues."""
         states, standby = fleets.reshape(-1, fleets.shape[2]), (pursued < 0).ravel()
         goals = np.where(pursued < 0, ranking[:, :1], pursued).ravel()
-        # A sub-MDP does not see whether all goals are in range.
-        strict = self.mission.feasibility == 'strict'
-        charged = np.logical_and(strict, states[:, 1 : 1 + self.mission.k].all(axis=1))
+        # A sub-MDP does not see all that the mission's rule asks for.
+        allowed = allowed_actions(self.mission, states)
         actions = np.empty(len(states), np.int64)
         for j, policy in enumerate(self.policies):
-            mine, sub = goals == j, policy.look_ahead.operator.sub
+            mine, sub = goals == j, policy.look_ahead.model.sub
+            numbers = np.array(sub.numbers)
             q = policy.look_ahead.q_values(states[mine])
-            kinds = np.array([action.kind for action in sub.actions])
-            q[np.ix_(standby[mine], kinds == 'commit')] = np.inf
-            q[np.ix_(charged[mine], kinds == 'recharge')] = np.inf
-            actions[mine] = np.array(sub.numbers)[choose(q) - 1]
+            commits = np.array([action.kind is ActionKind.COMMIT for action in sub.actions])
+            q[np.ix_(standby[mine], commits)] = np.inf
+            q[~allowed[mine][:, numbers - 1]] = np.inf
+            actions[mine] = numbers[choose(q) - 1]
         return actions.reshape(pursued.shape)
 
 
 def _essence(sub: SubMdp) -> SubMdp:
     """Return the sub-MDP with all blanked that does not enter it; equal ones solve alike."""
     mission = sub.mission
-    flown_to = {action.goal - 1 for action in sub.actions}
+    flown_to = {action.goal for action in sub.actions}
     goals = tuple(
         replace(goal, name='')
         if j in sub.goals
@@ -278,15 +278,14 @@ def _essence(sub: SubMdp) -> SubMdp:
 
 def _solve(sub: SubMdp) -> LocalPolicy:
     """Solve a goal-wise sub-MDP, and the same without commitment."""
-    uncommitted = tuple(action.number for action in sub.actions if action.kind != 'commit')
+    uncommitted = tuple(a.number for a in sub.actions if a.kind is not ActionKind.COMMIT)
     pursuing, idle = (value_iteration(s) for s in (sub, replace(sub, numbers=uncommitted)))
-    gain = np.maximum(idle.value - pursuing.value, 0.0)
+    gain = np.maximum(idle.value - pursuing.value, 0.0, dtype=np.float64)
     best = gain.reshape(-1, 3, 3, gain.shape[2]).max(axis=(0, 1, 3))
     noise = idle.upper - idle.lower + pursuing.upper - pursuing.lower
-    q, normal = sub.mission.grid.q, [row[0] for row in sub.mission.threat.cost]
     return LocalPolicy(
-        look_ahead=LookAhead(BellmanOperator(sub), pursuing.value),
+        look_ahead=LookAhead(AxisModel(sub), pursuing.value),
         gain=gain,
         best_gain=np.where(best > noise, best, 0.0),
-        expected_return=-float(pursuing.value[:q].mean() + np.mean(normal)),
+        expected_return=-float(pursuing.value.mean() + sub.threat_costs[:, 0].mean()),
     )

@@ -27,13 +27,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from uav_mission_manager.mdp.dynamics import failure_matrices, threat_matrices
+from uav_mission_manager.mdp.arrays import FloatArray, IndexArray, IntArray
+from uav_mission_manager.mdp.cost import commitment_savings
+from uav_mission_manager.mdp.dynamics import (
+    Regime,
+    completion_probabilities,
+    fault_matrices,
+    threat_matrices,
+)
 from uav_mission_manager.mdp.mission import Mission
+from uav_mission_manager.mdp.routes import distances, epochs_of_flight, next_hops
+from uav_mission_manager.mdp.states import StateSpace
 from uav_mission_manager.solver.submdp import SubMdp
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -64,61 +70,57 @@ class PriorityScore:
     """
 
     def __init__(self, mission: Mission, weights: PriorityWeights | None = None) -> None:
-        self.mission = mission
+        self.mission, grid = mission, mission.grid
+        self._space = StateSpace(mission.k, grid.q)
         weighted = np.array(list(vars(weights or PriorityWeights()).values()))
         self._weights = weighted / weighted.sum()
-        cells = np.array([goal.cell for goal in mission.goals])
-        eta = np.array([goal.eta for goal in mission.goals])
-        self._reward = eta / (2 * eta.max() or 1.0)
-        distances, service = mission.grid.distances(), mission.grid.service
-        way = distances[:, cells] + distances[cells, service]
+        savings = commitment_savings(mission)
+        self._reward = savings / (savings.max() or 1.0)
+        cells = [goal.cell for goal in mission.goals]
+        to_service = distances(grid, grid.service)
+        way = np.stack([distances(grid, cell) + to_service[cell] for cell in cells], axis=1)
         self._way = way / (way.max() or 1.0)
-        self._steps, self._calm = _steps(mission, cells), _calm_flight(mission, cells)
-        sound = [matrix[:, 0] for matrix in failure_matrices(mission, agile=False)]
-        bits = np.arange(8)[:, None] >> np.arange(3) & 1
-        # A failed part cannot fail anew.
-        self._no_failure = np.prod(np.where(bits, 1.0, [row[0] for row in sound]), axis=1)
+        self._epochs = np.stack([epochs_of_flight(grid, cell) for cell in cells], axis=1)
+        self._calm = np.stack([calm_flight(mission, cell) for cell in cells], axis=1)
+        self._no_failure = fault_matrices(mission)[Regime.NORMAL_FLIGHT].diagonal()
+        self._completion = completion_probabilities(mission)
 
-    def terms(self, states: NDArray[np.int64]) -> FloatArray:
+    def terms(self, states: IntArray) -> FloatArray:
         """Reward, urgency, risk and resources of each goal in states (N, 2k+5), (N, k, 4)."""
-        k = self.mission.k
-        r, g = states[:, 1 : 1 + k], states[:, 1 + k : 1 + 2 * k]
-        f, cell, t = states[:, 0] - 1, states[:, -4], states[:, -2]
-        achieved = np.array(self.mission.faults.completion)[f, None] * self._calm[cell, :, t]
-        achieved = achieved * self._no_failure[f, None] ** self._steps[cell]
-        resources = np.where(r == 1, self._way[cell], 1.0)
-        return np.stack([self._reward * g * r, g / 2, 1 - achieved, resources], axis=-1)
+        s = self._space.split(states)
+        f = s.f[:, None] - 1
+        achieved = self._completion[f] * self._calm[s.l, :, s.t]
+        achieved *= self._no_failure[f] ** self._epochs[s.l]
+        reward = self._reward[np.arange(self.mission.k), s.g, s.r]
+        resources = np.where(s.r == 1, self._way[s.l], 1.0)
+        return np.stack([reward, s.g / 2, 1 - achieved, resources], axis=-1)
 
-    def of_goals(self, states: NDArray[np.int64]) -> FloatArray:
+    def of_goals(self, states: IntArray) -> FloatArray:
         """rho_j of each goal in states (N, 2k+5), shape (N, k)."""
-        k, terms = self.mission.k, self.terms(states)
+        terms = self.terms(states)
         terms[..., 2:] = 1 - terms[..., 2:]
-        return np.where(states[:, 1 + k : 1 + 2 * k] > 0, terms @ self._weights, 0.0)
+        return np.where(self._space.split(states).g > 0, terms @ self._weights, 0.0)
 
-    def of(self, subs: Sequence[SubMdp], states: NDArray[np.int64]) -> FloatArray:
+    def of(self, subs: Sequence[SubMdp], states: IntArray) -> FloatArray:
         """Rho of sub-MDPs that track some goal in states (N, 2k+5), shape (N, sub-MDPs)."""
         scores = self.of_goals(states)
         return np.stack([scores[:, list(sub.goals)].max(axis=1) for sub in subs], axis=1)
 
 
-def ranked(scores: FloatArray) -> NDArray[np.intp]:
+def ranked(scores: FloatArray) -> IndexArray:
     """The list L: positions by descending score along the last axis, of equals the lowest."""
     return np.argsort(-scores, axis=-1, kind='stable')
 
 
-def _steps(mission: Mission, cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Epochs of flight from each cell to each of some, shape (q, cells)."""
-    row, col = np.divmod(np.arange(mission.grid.q), mission.grid.cols)
-    return np.abs(row[:, None] - row[cells]) + np.abs(col[:, None] - col[cells])
-
-
-def _calm_flight(mission: Mission, cells: NDArray[np.int64]) -> FloatArray:
-    """P(no high threat on the way | l, t) to each of some cells, shape (q, cells, 3)."""
-    hops = mission.grid.next_hops()[:, cells]
-    threat, goals = threat_matrices(mission)[hops][..., :2], np.arange(len(cells))
-    there = (np.arange(mission.grid.q)[:, None] == cells)[..., None]
-    calm = np.ones((*hops.shape, 3))
-    for _ in range(mission.grid.rows + mission.grid.cols):
-        onwards = (threat @ calm[hops, goals, :2, None])[..., 0]
-        calm = np.where(there, 1.0, onwards)
+def calm_flight(mission: Mission, destination: int) -> FloatArray:
+    """P(no high threat on the way to a destination | l, t), shape (q, 3)."""
+    grid = mission.grid
+    hops, epochs = next_hops(grid, destination), epochs_of_flight(grid, destination)
+    threat = threat_matrices(mission)[..., :2]
+    calm = np.ones((grid.q, 3))
+    order = np.argsort(epochs, kind='stable')
+    # Cells so many epochs away, the nearest first: each looks one epoch ahead.
+    for cells in np.split(order, np.cumsum(np.bincount(epochs)))[1:-1]:
+        after = hops[cells]
+        calm[cells] = (threat[after] @ calm[after, :2, None])[..., 0]
     return calm

@@ -10,19 +10,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from uav_mission_manager.mdp.arrays import FloatArray, IndexArray, IntArray
+from uav_mission_manager.mdp.cost import commitment_savings
+from uav_mission_manager.mdp.states import StateSpace
 from uav_mission_manager.solver.submdp import SubMdp
 
-FloatArray = NDArray[np.float64]
 
-TIE = 1e-9
-"""Actions within this of the minimum, relative to it, tie."""
-
-
-def summed(
-    subs: Sequence[SubMdp], states: NDArray[np.int64], tables: Sequence[FloatArray]
-) -> FloatArray:
+def summed(subs: Sequence[SubMdp], states: IntArray, tables: Sequence[FloatArray]) -> FloatArray:
     """Sum of the sub-MDPs' Q values (Q-decomposition, Russell and Zimdars 2003)."""
     total = np.zeros(_shape(subs, states))
     for sub, table in zip(subs, tables):
@@ -31,7 +26,7 @@ def summed(
 
 
 def best_value(
-    subs: Sequence[SubMdp], states: NDArray[np.int64], tables: Sequence[FloatArray]
+    subs: Sequence[SubMdp], states: IntArray, tables: Sequence[FloatArray]
 ) -> FloatArray:
     """Q values of the sub-MDP with the best value (the paper's `ActionCalc_with_values`)."""
     values = np.stack([table.min(axis=1) for table in tables])
@@ -39,24 +34,17 @@ def best_value(
 
 
 def highest_priority(
-    subs: Sequence[SubMdp], states: NDArray[np.int64], tables: Sequence[FloatArray]
+    subs: Sequence[SubMdp], states: IntArray, tables: Sequence[FloatArray]
 ) -> FloatArray:
     """Q values of the sub-MDP with the highest priority score, the largest eta_j g_j r_j."""
     mission = subs[0].mission
-    k = mission.k
-    eta = np.array([goal.eta for goal in mission.goals])
-    scores = eta * states[:, 1 : 1 + k] * states[:, 1 + k : 1 + 2 * k]
+    s = StateSpace(mission.k, mission.grid.q).split(states)
+    scores = commitment_savings(mission)[np.arange(mission.k), s.g, s.r]
     ranks = np.stack([scores[:, list(sub.goals)].max(axis=1) for sub in subs])
     return _of_one(subs, states, tables, ranks.argmax(axis=0))
 
 
-def choose(q_values: FloatArray) -> NDArray[np.int64]:
-    """Action numbers of least Q, shape (N,); of actions that tie the lowest number."""
-    least = q_values.min(axis=1, keepdims=True)
-    return np.argmax(q_values <= least + TIE * np.abs(least), axis=1) + 1
-
-
-def _shape(subs: Sequence[SubMdp], states: NDArray[np.int64]) -> tuple[int, int]:
+def _shape(subs: Sequence[SubMdp], states: IntArray) -> tuple[int, int]:
     return len(states), 2 * subs[0].mission.k + 4
 
 
@@ -67,11 +55,9 @@ def _by_global_number(sub: SubMdp, table: FloatArray) -> FloatArray:
 
 
 def _of_one(
-    subs: Sequence[SubMdp],
-    states: NDArray[np.int64],
-    tables: Sequence[FloatArray],
-    chosen: NDArray[np.intp],
+    subs: Sequence[SubMdp], states: IntArray, tables: Sequence[FloatArray], chosen: IndexArray
 ) -> FloatArray:
+    """Q values of one sub-MDP in each state, given by its position."""
     q = np.empty(_shape(subs, states))
     for position, (sub, table) in enumerate(zip(subs, tables)):
         rows = chosen == position
