@@ -14,6 +14,8 @@ import pytest
 from ros_helpers import ROOT, ros_domain
 
 LIMIT = 180
+ON_SITE = '1 1 2 5 1 0 0'
+"""Case I's state in cell 5, committed to goal 1, which has high priority."""
 
 
 class Demo:
@@ -89,7 +91,7 @@ def test_both_missions_end_with_every_goal_achieved_and_the_vehicle_home(demo):
 
 def test_without_manager_the_bridge_holds_then_returns_to_launch(demo):
     pids = demo.pids()
-    demo.until('on site at goal1')
+    demo.until(ON_SITE)
     os.kill(pids['manager'], signal.SIGKILL)
     demo.until('bridge: holding')
     demo.until('bridge: returning to launch')
@@ -100,7 +102,7 @@ def test_without_manager_the_bridge_holds_then_returns_to_launch(demo):
 
 def test_without_autopilot_the_manager_reports_the_lost_link_and_falls_silent(demo):
     pids = demo.pids()
-    demo.until('on site at goal1')
+    demo.until(ON_SITE)
     os.kill(pids['sim_autopilot'], signal.SIGKILL)
     demo.until('(silent)')
     assert demo.finish() == 1

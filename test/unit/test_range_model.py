@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uav_mission_manager.mdp import Energy, load_mission
-from uav_mission_manager.onboard import endurance, flight_range, range_flags, way_home
+from uav_mission_manager.onboard import endurance, flight_range, range_flags, required_ranges
 
 MISSION = load_mission(Path(__file__).parents[2] / 'config' / 'case_study.yaml')
 ENERGY = Energy(
@@ -39,9 +39,9 @@ def test_range_less_wind_and_payload() -> None:
     assert flight_range(ENERGY, 0.0) == pytest.approx(-1000.0)
 
 
-def test_way_home_goes_over_the_goal_to_the_service_cell() -> None:
+def test_required_range_goes_over_the_goal_to_the_service_cell() -> None:
     # From the base: goal 1 in cell 5 (50, -50), service in cell 1 (50, 0), cells of 50 m.
-    first, second, third = way_home(MISSION, (0.0, 0.0))
+    first, second, third = required_ranges(MISSION, (0.0, 0.0))
     assert first == pytest.approx(50.0 * math.sqrt(2.0) + 50.0)
     assert second == pytest.approx(150.0 + 100.0)
     assert third == pytest.approx(50.0 * math.sqrt(5.0) + 50.0 * math.sqrt(2.0))

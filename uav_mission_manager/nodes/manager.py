@@ -44,14 +44,6 @@ PARAMETERS = (
         0.0,
         1.0,
     ),
-    Parameter(
-        'epoch',
-        15.0,
-        'Longest stay in the cell of the goal committed to; above the time '
-        'from the edge of a cell to goal_completed [s]',
-        0.0,
-        600.0,
-    ),
     Parameter('rate', 1.0, 'Decision and repetition rate [Hz]', 1.0, 20.0),
 )
 
@@ -149,9 +141,7 @@ class Manager(Node):
     def _step(self, repeat: bool = False) -> None:
         """Decide; publish what changed, or everything when it is time to `repeat`."""
         now, before = self._now(), self._outcome
-        outcome = decide(
-            self._policy, self._situation, now, self._settings.input_timeout, self._settings.epoch
-        )
+        outcome = decide(self._policy, self._situation, now, self._settings.input_timeout)
         self._outcome = outcome
         if isinstance(outcome, Refusal):
             changed = self._command is not None
@@ -160,7 +150,7 @@ class Manager(Node):
                 self.get_logger().error(f'{outcome.reason}: no command until it is back')
                 self._silent_logged = True
         else:
-            self._situation = self._situation.after(outcome.action, now)
+            self._situation = self._situation.after(outcome.action)
             self._send(outcome, repeat)
             changed = isinstance(before, Refusal) or _key(before) != _key(outcome)
         if changed or repeat:
@@ -232,7 +222,7 @@ class Manager(Node):
         """Fly on with the policy set in `path`; return why not, or an empty string."""
         try:
             policy = load_policy(path, self._policy.mission)
-            self._situation = self._situation.under(policy.mission)
+            self._situation = self._situation.with_mission(policy.mission)
         except (ValueError, OSError) as error:
             self._refuse('policy_set', f'policy set refused, the old one kept: {error}')
             return str(error)

@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from sensor_msgs.msg import BatteryState, NavSatFix, NavSatStatus
+from sensor_msgs.msg import BatteryState, NavSatFix
 from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
 
@@ -18,16 +18,18 @@ from uav_mission_manager.autopilot.faults import FIX_3D, Fault, FaultEstimator
 from uav_mission_manager.autopilot.link import Link
 from uav_mission_manager.autopilot.pilot import NO_HOLD, Pilot
 from uav_mission_manager.autopilot.task import Phase, Settings, Step, Task
-from uav_mission_manager.autopilot.telemetry import (
-    Battery,
-    Position,
-    Telemetry,
-    forget,
-    update,
-)
+from uav_mission_manager.autopilot.telemetry import Telemetry, forget, update
 from uav_mission_manager.autopilot.vehicle import commands, mode_name
-from uav_mission_manager.mdp import FAULT_MODES, Action, Mission, Origin, load_mission
+from uav_mission_manager.mdp import (
+    FAULT_MODES,
+    Action,
+    ActionKind,
+    Mission,
+    Origin,
+    load_mission,
+)
 from uav_mission_manager.nodes import qos
+from uav_mission_manager.nodes.conversions import battery_state, nav_sat_fix, odometry
 from uav_mission_manager.nodes.parameters import Parameter, declare
 from uav_mission_manager.nodes.reporting import status
 from uav_mission_manager.nodes.runtime import run, safety_clock
@@ -185,9 +187,9 @@ class MavlinkBridge(Node):
             self._command,
             *self._origin.to_geodetic(*point),
             agile=action.agile,
-            goal=self._mission.goals[action.goal - 1].name if action.goal else '',
-            land=not action.goal and not action.agile,
-            service=action.kind == 'repair',
+            goal='' if action.goal is None else self._mission.goals[action.goal].name,
+            land=action.goal is None and not action.agile,
+            service=action.kind is ActionKind.REPAIR,
         )
 
     def _on_hold(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -312,55 +314,6 @@ def _origin(mission: Mission, path: Any) -> Origin:
     if mission.grid.origin is None:
         raise ValueError(f'{path}: grid.origin is missing; the bridge needs it to fly')
     return mission.grid.origin
-
-
-def battery_state(battery: Battery, stamp: Any) -> BatteryState:
-    """Return the ROS message; its current is negative while discharging."""
-    message = BatteryState(
-        voltage=battery.voltage,
-        current=-battery.current,
-        percentage=battery.charge,
-        temperature=math.nan,
-        charge=math.nan,
-        capacity=math.nan,
-        design_capacity=math.nan,
-        power_supply_status=BatteryState.POWER_SUPPLY_STATUS_UNKNOWN,
-        present=True,
-    )
-    message.power_supply_health = (
-        BatteryState.POWER_SUPPLY_HEALTH_GOOD
-        if battery.healthy
-        else BatteryState.POWER_SUPPLY_HEALTH_UNSPEC_FAILURE
-    )
-    message.header.stamp = stamp
-    return message
-
-
-def odometry(position: Position, origin: Origin, stamp: Any) -> Odometry:
-    """Return the position in `map` (ENU), levelled, with the velocity in `base_link`."""
-    message = Odometry(child_frame_id='base_link')
-    message.header.frame_id, message.header.stamp = 'map', stamp
-    place, turn = message.pose.pose.position, message.pose.pose.orientation
-    place.x, place.y = origin.to_local(position.latitude, position.longitude)
-    place.z = position.altitude - origin.altitude
-    yaw = 0.0 if math.isnan(position.heading) else math.pi / 2.0 - position.heading
-    turn.z, turn.w = math.sin(yaw / 2.0), math.cos(yaw / 2.0)
-    east, north, up = position.velocity
-    twist = message.twist.twist.linear
-    twist.x = math.cos(yaw) * east + math.sin(yaw) * north
-    twist.y = math.cos(yaw) * north - math.sin(yaw) * east
-    twist.z = up
-    return message
-
-
-def nav_sat_fix(position: Position, has_fix: bool, stamp: Any) -> NavSatFix:
-    """Return the geographic position; its altitude is above mean sea level."""
-    message = NavSatFix(
-        latitude=position.latitude, longitude=position.longitude, altitude=position.altitude
-    )
-    message.status.status = NavSatStatus.STATUS_FIX if has_fix else NavSatStatus.STATUS_NO_FIX
-    message.header.frame_id, message.header.stamp = 'base_link', stamp
-    return message
 
 
 def main(args: list[str] | None = None) -> int:

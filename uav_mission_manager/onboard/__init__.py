@@ -1,7 +1,12 @@
 """On board: range model, situation, command grammar. Pure: no ROS, no clock, no files."""
 
 from uav_mission_manager.onboard.command import format_command, parse_command
-from uav_mission_manager.onboard.range_model import endurance, flight_range, range_flags, way_home
+from uav_mission_manager.onboard.range_model import (
+    endurance,
+    flight_range,
+    range_flags,
+    required_ranges,
+)
 from uav_mission_manager.onboard.situation import InputError, Refusal, Situation, decide
 
 __all__ = [
@@ -14,5 +19,5 @@ __all__ = [
     'format_command',
     'parse_command',
     'range_flags',
-    'way_home',
+    'required_ranges',
 ]

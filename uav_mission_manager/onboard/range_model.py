@@ -2,7 +2,7 @@
 
     tau = SoC b_c v / P,    sigma = beta tau - k1 q - k2 rho,    r_j = 1 iff sigma >= d_j
 
-with a constant speed profile beta. d_j is the way from here to goal j and on to the service cell.
+with a constant speed profile beta; d_j is the distance to goal j and on to the service cell.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from uav_mission_manager.mdp import Energy, Mission
 
 SECONDS_PER_HOUR = 3600.0
 FULL_CHARGE = 0.95
-"""State of charge that counts as full: no margin asks for more than it gives."""
+"""State of charge (0 to 1) that counts as full; this project's choice."""
 
 
 def endurance(energy: Energy, charge: float) -> float:
@@ -23,7 +23,7 @@ def endurance(energy: Energy, charge: float) -> float:
 
 
 def flight_range(energy: Energy, charge: float) -> float:
-    """Range sigma [m] left at a state of charge SoC (0 to 1); negative where wind eats it all."""
+    """Range sigma [m] left at a state of charge SoC (0 to 1); may be negative."""
     return (
         energy.speed * endurance(energy, charge)
         - energy.wind_penalty * energy.wind
@@ -31,8 +31,8 @@ def flight_range(energy: Energy, charge: float) -> float:
     )
 
 
-def way_home(mission: Mission, position: tuple[float, float]) -> tuple[float, ...]:
-    """Distances d_j [m] from a position (east, north) [m] over each goal to the service cell."""
+def required_ranges(mission: Mission, position: tuple[float, float]) -> tuple[float, ...]:
+    """Ranges d_j [m] from a position (east, north) [m] to each goal and on to the service cell."""
     service = mission.grid.position(mission.grid.service)
     cells = (mission.grid.position(goal.cell) for goal in mission.goals)
     return tuple(math.dist(position, cell) + math.dist(cell, service) for cell in cells)
@@ -41,18 +41,30 @@ def way_home(mission: Mission, position: tuple[float, float]) -> tuple[float, ..
 def range_flags(
     energy: Energy,
     charge: float,
-    distances: Sequence[float],
+    needed: Sequence[float],
     previous: Sequence[int],
     hysteresis: float,
 ) -> tuple[int, ...]:
-    """Range flags r_j (0, 1): lost below d_j, back only at (1 + hysteresis) d_j.
+    """Range flags r_j (0, 1): lost below d_j, back at (1 + hysteresis) d_j.
 
-    The margin never asks for more than a full charge gives, or recharging could not end.
+    A range that a full charge gives is enough to come back, or recharging might never end.
+
+    Parameters
+    ----------
+    energy : Energy
+    charge : float
+        State of charge, 0 to 1.
+    needed : sequence of k floats
+        d_j [m], see `required_ranges`.
+    previous : sequence of k ints
+        The flags so far.
+    hysteresis : float
+        Fraction of d_j.
     """
     sigma = flight_range(energy, charge)
     full = flight_range(energy, FULL_CHARGE)
-    back = (max(d, min((1.0 + hysteresis) * d, full)) for d in distances)
+    back = (max(d, min((1.0 + hysteresis) * d, full)) for d in needed)
     return tuple(
-        int(sigma >= (d if held else needed))
-        for d, needed, held in zip(distances, back, previous, strict=True)
+        int(sigma >= (d if held else regained))
+        for d, regained, held in zip(needed, back, previous, strict=True)
     )

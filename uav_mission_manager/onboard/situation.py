@@ -10,12 +10,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, Action, Mission, global_actions
-from uav_mission_manager.onboard.range_model import range_flags, way_home
+from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, Action, Mission
+from uav_mission_manager.onboard.range_model import range_flags, required_ranges
 from uav_mission_manager.policy import Decision, Policy
 
 REQUIRED = ('battery_state', 'odom', 'fault_mode')
-"""Inputs without which, or without a fresh value of which, nothing is decided."""
+"""Inputs that a decision needs, each of them fresh."""
 
 
 class InputError(ValueError):
@@ -36,9 +36,9 @@ class Situation:
     Attributes
     ----------
     mission : Mission
-        With `energy`, or no range could be told.
+        Needs an `energy` section: the range flags are computed from it.
     hysteresis : float
-        Margin by which a lost range flag must be exceeded to come back (fraction).
+        A lost range flag comes back at 1 + hysteresis times the range that its goal needs.
     charge : float or None
         State of charge, 0 to 1.
     position : tuple of (east, north) or None
@@ -48,11 +48,10 @@ class Situation:
     priorities, in_range : tuple of k
         g_j and r_j.
     request : str
-        Id of the last request for priorities taken over.
+        Id of the last request for priorities.
     commitment, agile : int, bool
-        c and m, as the last decided action left them.
-    arrived : float or None
-        Since when the UAV is in the cell of the goal it is committed to [s].
+        c (the goal committed to, from 1; 0 for none) and m, as the last decided action left
+        them.
     seen : mapping
         Time of the last good message by topic [s].
     """
@@ -68,11 +67,10 @@ class Situation:
     request: str = ''
     commitment: int = 0
     agile: bool = False
-    arrived: float | None = None
     seen: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Start with every goal in range and irrelevant."""
+        """Start with every goal in range and of priority 0."""
         if self.mission.energy is None:
             raise ValueError(f'mission {self.mission.name}: no energy section, so no range')
         object.__setattr__(self, 'priorities', self.priorities or (0,) * self.mission.k)
@@ -88,7 +86,7 @@ class Situation:
         """Take a position in `map` [m]."""
         if not (math.isfinite(east) and math.isfinite(north)):
             raise InputError(f'odom: position ({east}, {north}) is not finite')
-        return self._heard('odom', now, position=(east, north))._ranged()._settled(now)
+        return self._heard('odom', now, position=(east, north))._ranged()
 
     def with_fault(self, name: str, now: float) -> Situation:
         """Take a fault mode by name."""
@@ -103,7 +101,10 @@ class Situation:
         return self._heard('threat_level', now, threat=THREAT_LEVELS.index(name))
 
     def with_priorities(self, values: Sequence[int], request: str, now: float) -> Situation:
-        """Take a request for priorities, whole or not at all; a repeated id changes nothing."""
+        """Take a request for the priorities of all goals.
+
+        A request with the id of the last one is its repetition and changes nothing.
+        """
         values = tuple(values)
         if len(values) != self.mission.k:
             raise InputError(
@@ -119,29 +120,26 @@ class Situation:
         )
 
     def with_completed(self, name: str) -> Situation:
-        """Take a goal off the list; c returns to 0 when it was committed to."""
+        """Set the priority of a completed goal to 0, and c too where it was committed to."""
         names = [goal.name for goal in self.mission.goals]
         if name not in names:
             raise InputError(f'goal_completed: {name!r} is not one of {", ".join(names)}')
-        j = names.index(name) + 1
-        priorities = tuple(0 if i == j else g for i, g in enumerate(self.priorities, 1))
-        if self.commitment != j:
-            return replace(self, priorities=priorities)
-        return replace(self, priorities=priorities, commitment=0, arrived=None)
+        goal = names.index(name)
+        priorities = tuple(0 if j == goal else g for j, g in enumerate(self.priorities))
+        commitment = 0 if self.commitment == goal + 1 else self.commitment
+        return replace(self, priorities=priorities, commitment=commitment)
 
     def without_goals(self) -> Situation:
-        """Drop every request and the commitment; the last request id stays known."""
-        return replace(self, priorities=(0,) * self.mission.k, commitment=0, arrived=None)
+        """Set all priorities and the commitment to 0; the last request's id stays known."""
+        return replace(self, priorities=(0,) * self.mission.k, commitment=0)
 
-    def under(self, mission: Mission) -> Situation:
-        """Continue under a mission with the same goals and grid but other numbers."""
+    def with_mission(self, mission: Mission) -> Situation:
+        """Continue with a mission of the same goals and grid but other numbers."""
         return replace(self, mission=mission)._ranged()
 
-    def after(self, action: Action, now: float) -> Situation:
+    def after(self, action: Action) -> Situation:
         """Continue with c' and m' of a decided action."""
-        arrived = self.arrived if action.goal == self.commitment else None
-        changed = replace(self, commitment=action.goal, agile=action.agile, arrived=arrived)
-        return changed._settled(now)
+        return replace(self, commitment=action.commitment, agile=action.agile)
 
     @property
     def cell(self) -> int:
@@ -179,60 +177,29 @@ class Situation:
     def _heard(self, topic: str, now: float, **changes: object) -> Situation:
         return replace(self, seen={**self.seen, topic: now}, **changes)  # type: ignore[arg-type]
 
-    def _settled(self, now: float) -> Situation:
-        j = self.commitment
-        if j == 0 or self.mission.goals[j - 1].cell != self.cell:
-            return replace(self, arrived=None)
-        return replace(self, arrived=now if self.arrived is None else self.arrived)
-
     def _ranged(self) -> Situation:
         if self.charge is None or self.position is None or self.mission.energy is None:
             return self
-        distances = way_home(self.mission, self.position)
+        needed = required_ranges(self.mission, self.position)
         flags = range_flags(
-            self.mission.energy, self.charge, distances, self.in_range, self.hysteresis
+            self.mission.energy, self.charge, needed, self.in_range, self.hysteresis
         )
         return replace(self, in_range=flags)
 
 
-def decide(
-    policy: Policy,
-    situation: Situation,
-    now: float,
-    timeout: float,
-    epoch: float,
-) -> Decision | Refusal:
-    """Decide on a situation, or refuse for want of inputs fresher than `timeout` [s].
+def decide(policy: Policy, situation: Situation, now: float, timeout: float) -> Decision | Refusal:
+    """Return the policy's decision, or a refusal where a required input is missing.
 
-    In the model the epoch on site may complete the goal whatever action is chosen in it, so the
-    policy already looks past the goal there; obeyed at once, it would leave, find the goal undone
-    and turn back for ever. So that epoch is flown: until completion, or `epoch` [s] after
-    arrival, the commitment is kept, in the mode the policy asks for.
+    Parameters
+    ----------
+    policy : Policy
+    situation : Situation
+    now : float
+        Time [s], on the clock of the situation's inputs.
+    timeout : float
+        Age [s] above which an input counts as missing.
     """
     missing = situation.missing(now, timeout)
     if missing:
         return Refusal('link lost: ' + ', '.join(missing))
-    decision = policy.decide(situation.state)
-    if not _on_site(situation, now, epoch) or decision.action.goal == situation.commitment:
-        return decision
-    keep = (situation.commitment, decision.action.agile)
-    action = next(a for a in global_actions(situation.mission) if (a.goal, a.agile) == keep)
-    goal = situation.mission.goals[action.goal - 1].name
-    return replace(
-        decision,
-        action=action,
-        runner_up=decision.action,
-        margin=decision.values[decision.action.number - 1] - decision.values[action.number - 1],
-        reason=f'on site at {goal}; then: {decision.reason}',
-    )
-
-
-def _on_site(situation: Situation, now: float, epoch: float) -> bool:
-    j = situation.commitment - 1
-    return (
-        situation.arrived is not None
-        and 0.0 <= now - situation.arrived < epoch
-        and situation.priorities[j] > 0
-        and situation.in_range[j] == 1
-        and situation.mission.faults.completion[situation.fault - 1] > 0.0
-    )
+    return policy.decide(situation.state)

@@ -10,7 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import rclpy
@@ -64,15 +64,15 @@ def main(args: list[str] | None = None) -> int:
     logs = options.logs or Path(tempfile.mkdtemp(prefix='uav-demo-'))
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)
-    mission = load_mission(share_directory() / 'config' / 'case_study.yaml')
-    one_goal = replace(mission, name='case_one', goals=mission.goals[:1])
+    config = share_directory() / 'config'
     outcomes = []
     try:
-        for title, script, flown in (
-            ('Case I: one goal', case_one, one_goal),
-            ('Three goals', three_goals, mission),
+        for title, script, name in (
+            ('Case I: one goal', case_one, 'case_one'),
+            ('Three goals', three_goals, 'case_study'),
         ):
-            outcomes.append(_fly(title, script, flown, logs / flown.name, options.speedup))
+            mission = load_mission(config / f'{name}.yaml')
+            outcomes.append(_fly(title, script, mission, logs / name, options.speedup))
             if not outcomes[-1].good:
                 break
     except KeyboardInterrupt:
