@@ -1,12 +1,10 @@
-"""A cluster of goals as an MDP of its own, computed place by place.
+"""A cluster of goals as an MDP of its own, computed cell by cell.
 
-A cluster keeps all 2k+4 actions, and its y = (place, t, f) and x_j = 2 g_j + r_j move as in the
-whole mission: tables over (P, 3, 8, 6^n) for n goals. Its costs are shares of J that sum to J over
-the clusters; p(t, m) - [c > 0] eta_c g_c r_c of the present state is left out, as in
-`uav_mission_manager.solver.reduced`.
-
-The actions of one place are a block of (A, 3, 8, 6^n) entries. All that is done with it is done
-while it is in the cache, and no table of all places and actions is kept but that of the costs.
+A cluster is a sub-MDP with all 2k+4 actions and a share of the costs. Its W (see
+`uav_mission_manager.solver.reduced`) is a table over (q, 3, 8, 6^n) for n goals, with
+y = (l, t, f) and x_j = 2 g_j + r_j. Actions with the same arrival share one expectation of
+(3, 8, 6^n) entries, and all that is done with the Q of a cell, (A, 3, 8, 6^n), is done while it is
+in the cache.
 """
 
 from __future__ import annotations
@@ -16,205 +14,179 @@ from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import DTypeLike
 
-from uav_mission_manager.solver.axes import FloatArray
-from uav_mission_manager.solver.factors import FLAGS, STAKES, Factors
+from uav_mission_manager.mdp.arrays import IndexArray, RealArray
+from uav_mission_manager.mdp.dynamics import Regime
+from uav_mission_manager.solver.reduced import X_VALUES, ReducedMission
+from uav_mission_manager.solver.span_bounds import SpanBounds
+from uav_mission_manager.solver.submdp import SubMdp
 
-ROUNDINGS = 64
+ROUNDINGS_A_BACKUP = 64
 """Errors of one ulp of the largest number in a backup, at most, besides 6^n for the x_j."""
 
-Arrival = tuple[int, int, int | None]
-"""By which way (see `WAYS`) at which place, and which goal of the cluster is completed."""
+
+class Arrival(NamedTuple):
+    """Where an epoch leads: a regime, a cell, and the goal (its slot) that may be completed."""
+
+    regime: int
+    cell: int
+    slot: int | None
 
 
-class _Actions(NamedTuple):
-    """Where the actions of a place lead.
-
-    Attributes
-    ----------
-    open : list of Arrival
-        The different arrivals where nothing is completed.
-    completed : list of Arrival
-        On a goal's site, the same where that goal is completed; empty elsewhere.
-    of : int array (A,)
-        Position of each action's arrival.
-    merge : float array (arrivals, A)
-        Sums over the actions of each arrival.
-    """
-
-    open: list[Arrival]
-    completed: list[Arrival]
-    of: NDArray[np.intp]
-    merge: FloatArray
+Expectations = dict[Arrival, RealArray]
+"""For each arrival a table (3, 8, 6^n) over t, f and x of the state before it."""
 
 
 class ClusterMdp:
     """One cluster, with tables of a floating type.
 
-    From a site, the goal is completed with some probability: then the arrival is on the cell,
-    without commitment, and x_j' follows `Factors.achieved`; a cluster that does not hold the goal
-    only loses the commitment.
-
     Parameters
     ----------
-    factors : Factors
-    goals : sequence of int
-        Of the cluster, from 0.
+    sub : SubMdp
     dtype : floating type
+    unit : float
+        That costs are counted in.
 
     Attributes
     ----------
     shape : tuple of int
-        Of a table over the cluster's states, (P, 3, 8, 6^n).
+        Of a table over the cluster's states, (q, 3, 8, 6^n).
+    x : int array (6^n, n)
+        x_j of each column.
+    state_costs : float array (8, 6^n)
+        What f and x cost, whatever is done.
+    action_costs : float array (q, A, 1, 8, 6^n)
+        See `ReducedMission.action_costs`.
     """
 
-    def __init__(self, factors: Factors, goals: Sequence[int], dtype: DTypeLike) -> None:
-        self.factors, self.goals, self.dtype = factors, tuple(goals), np.dtype(dtype)
-        self.shape = (factors.places, 3, 8, 6 ** len(self.goals))
-        self.threat = factors.threat.astype(dtype)
-        self.faults = (factors.mission.discount * factors.faults).astype(dtype)
-        self.completion = factors.completion.astype(dtype)[:, None]
-        # What a cluster does not see of the goals' rows, whose sums may be slightly off 1.
-        self.defect = float(np.abs(factors.goals.sum(axis=-1) - 1).max(axis=(0, 2)).sum())
-        self.actions = [self._actions(place) for place in range(factors.places)]
-        arrivals = {key for here in self.actions for key in here.open + here.completed}
-        self.moves = {key: self._moves(key[0], key[2]) for key in arrivals}
+    def __init__(self, sub: SubMdp, dtype: DTypeLike, unit: float = 1.0) -> None:
+        self.sub, self.dtype, n = sub, np.dtype(dtype), sub.n
+        self.reduced = reduced = ReducedMission(sub)
+        self.shape = (reduced.q, 3, 8, X_VALUES**n)
+        self.x = np.indices((X_VALUES,) * n).reshape(n, -1).T
+        goals = reduced.goal_costs[np.arange(n), self.x].sum(axis=1)
+        self.state_costs = ((reduced.fault_costs[:, None] + goals) / unit).astype(dtype)
+        costs = [reduced.action_costs(cell, self.x) / unit for cell in range(reduced.q)]
+        self.action_costs = np.array(costs, self.dtype)[:, :, None]
+        self.threat = reduced.threat.astype(dtype)
+        self.faults = (sub.mission.discount * reduced.faults).astype(dtype)
+        self.completion = reduced.completion.astype(dtype)[:, None]
+        # Rows of transition matrices may sum to slightly more or less than 1.
+        self.defect = float(np.abs(reduced.goals.sum(axis=-1) - 1).max(axis=(0, 2)).sum())
+        self.leads = [self._leads(cell) for cell in range(reduced.q)]
+        arrivals = {arrival for here, _ in self.leads for arrival in here}
+        self.moves = {arrival: self._moves(arrival) for arrival in sorted(arrivals, key=str)}
+        self.price = {arrival: self._price(arrival, unit) for arrival in self.moves}
 
-    def _actions(self, place: int) -> _Actions:
-        factors = self.factors
-        leads = list(zip(factors.way[:, place].tolist(), factors.landing[:, place].tolist()))
-        different = sorted(set(leads))
-        of = np.array([different.index(lead) for lead in leads])
-        completed: list[Arrival] = []
-        if place >= factors.q:
-            done = place - factors.q if place - factors.q in self.goals else None
-            completed = [(way, int(factors.cells[to]), done) for way, to in different]
-        merge = (np.arange(len(different))[:, None] == of).astype(self.dtype)
-        return _Actions([(way, to, None) for way, to in different], completed, of, merge)
+    def _leads(self, cell: int) -> tuple[list[Arrival], IndexArray]:
+        """Different arrivals from a cell, and the position of each action's among them."""
+        reduced, found = self.reduced, []
+        for a, slot in enumerate(reduced.slots.tolist()):
+            completable = slot if reduced.completes[a, cell] else None
+            regime, landing = int(reduced.regimes[a, cell]), int(reduced.landings[a, cell])
+            found.append(Arrival(regime, landing, completable))
+        different = sorted(set(found), key=str)
+        return different, np.array([different.index(arrival) for arrival in found])
 
-    def _moves(self, way: int, done: int | None) -> FloatArray:
-        """P(x' | x), (6^n, 6^n)."""
-        ways, achieved = self.factors.goals[way], self.factors.achieved[way]
-        parts = [achieved if j == done else ways[j] for j in self.goals]
-        return reduce(np.kron, parts).astype(self.dtype)
+    def _moves(self, arrival: Arrival) -> tuple[RealArray, ...]:
+        """P(x' | x), (6^n, 6^n), and where a goal may be completed the same if it is."""
+        matrices = list(self.reduced.goals[arrival.regime])
+        moves = [reduce(np.kron, matrices).astype(self.dtype)]
+        if arrival.slot is not None:
+            matrices[arrival.slot] = self.reduced.completed[arrival.regime]
+            moves.append(reduce(np.kron, matrices).astype(self.dtype))
+        return tuple(moves)
 
-    def costs(self, holders: NDArray[np.intp], count: int) -> list[FloatArray]:
-        """J_i with the discounted price of t', less what a commitment saves, by place.
+    def _price(self, arrival: Arrival, unit: float) -> RealArray:
+        """Discounted E[p(t', m') | t], (3, 1, 1)."""
+        agile = int(arrival.regime == Regime.AGILE_FLIGHT)
+        price = self.reduced.price[agile, arrival.cell]
+        return (price[:, None, None] / unit).astype(self.dtype)
 
-        Parameters
-        ----------
-        holders : int array (k,)
-            Clusters that hold each goal, among which its cost is split evenly.
-        count : int
-            All clusters, among which the common costs are.
-
-        Returns
-        -------
-        list of float array (A, 3, 8, 6^n)
-            inf where what the cluster sees does not allow the action.
-        """
-        return [self._cost(place, holders, count) for place in range(self.factors.places)]
-
-    def _cost(self, place: int, holders: NDArray[np.intp], count: int) -> FloatArray:
-        factors, n = self.factors, len(self.goals)
-        agile = np.array([int(action.agile) for action in factors.actions])
-        price = factors.price[agile, factors.landing[:, place]] + factors.distance[:, place, None]
-        shared = price[..., None] + np.array(factors.mission.faults.cost)
-        cost = np.empty((*shared.shape, *(6,) * n))
-        cost[:] = shared.reshape(shared.shape + (1,) * n) / count
-        # On a site the goal may be completed, which drops the commitment whatever goal it is to.
-        kept = 1 - factors.completion if place >= factors.q else np.ones(8)
-        for slot, j in enumerate(self.goals):
-            own = np.moveaxis(cost, 3 + slot, -1)
-            own += factors.cost[j] / holders[j]
-            lift = (..., *(None,) * (n - 1), slice(None))
-            for a, action in enumerate(factors.actions):
-                if action.goal == j + 1:
-                    saving = factors.saving[agile[a], j] / holders[j]
-                    own[a] -= (kept[:, None] * saving)[lift]
-                    if factors.strict:
-                        own[a][..., STAKES == 0] = np.inf
-        if factors.strict:
-            self._forbid(cost)
-        return cost.reshape(*shared.shape, -1).astype(self.dtype)
-
-    def _forbid(self, cost: FloatArray) -> None:
-        """What f forbids, and recharging where a cluster sees all goals in range."""
-        n = len(self.goals)
-        for action, own in zip(self.factors.actions, cost):
-            if action.kind == 'commit':
-                own[:, self.factors.completion == 0] = np.inf
-            elif action.kind == 'repair':
-                own[:, 0] = np.inf
-            elif action.kind == 'recharge' and n == self.factors.k:
-                own[(..., *np.ix_(*[FLAGS == 1] * n))] = np.inf
-
-    def ahead(self, values: FloatArray) -> dict[Arrival, FloatArray]:
-        """Discounted E[W'] on each arrival, (3, 8, 6^n), of W over (P, 3, 8, 6^n)."""
+    def ahead(self, values: RealArray) -> Expectations:
+        """Discounted E[W'] of each arrival, of W over (q, 3, 8, 6^n)."""
         later = (self.threat @ values.reshape(len(values), 3, -1)).reshape(values.shape)
         ahead = {}
-        for arrival, moves in self.moves.items():
-            way, place, _ = arrival
-            health = self.faults[way] @ later[place]
-            ahead[arrival] = (health.reshape(24, -1) @ moves.T).reshape(health.shape)
+        for arrival, (moves, *completed) in self.moves.items():
+            health = (self.faults[arrival.regime] @ later[arrival.cell]).reshape(24, -1)
+            table = (health @ moves.T).reshape(self.shape[1:])
+            for instead in completed:
+                table += self.completion * ((health @ instead.T).reshape(table.shape) - table)
+            ahead[arrival] = table
         return ahead
 
-    def expected(self, place: int, ahead: dict[Arrival, FloatArray]) -> FloatArray:
-        """Discounted E[W'] of the actions of a place, (A, 3, 8, 6^n)."""
-        here = self.actions[place]
-        tables = np.stack([ahead[arrival] for arrival in here.open])
-        if here.completed:
-            done = np.stack([ahead[arrival] for arrival in here.completed])
-            done -= tables
-            done *= self.completion
-            tables += done
-        return tables.take(here.of, axis=0)
+    def q_values(self, cell: int, ahead: Expectations) -> RealArray:
+        """Discounted E[W'] of the actions in a cell plus their costs, (A, 3, 8, 6^n).
 
-    def leave(self, place: int, mass: FloatArray, arrived: dict[Arrival, FloatArray]) -> None:
-        """Add mass (A, 3, 8, 6^n) on a place's actions to its arrivals: adjoint of `expected`."""
-        here = self.actions[place]
-        tables = (here.merge @ mass.reshape(len(mass), -1)).reshape(-1, *mass.shape[1:])
-        if here.completed:
-            done = tables * self.completion
-            tables -= done
-            for arrival, table in zip(here.completed, done):
-                arrived[arrival] += table
-        for arrival, table in zip(here.open, tables):
+        inf where what the cluster sees does not allow the action.
+        """
+        arrivals, of = self.leads[cell]
+        tables = np.stack([ahead[arrival] for arrival in arrivals])
+        tables += np.stack([self.price[arrival] for arrival in arrivals])
+        q = tables.take(of, axis=0)
+        q += self.action_costs[cell]
+        return q
+
+    def leave(self, cell: int, mass: RealArray, arrived: Expectations) -> None:
+        """Add the mass (A, 3, 8, 6^n) on a cell's actions to their arrivals.
+
+        With `settle` the adjoint of the expectation.
+        """
+        arrivals, of = self.leads[cell]
+        merge = (np.arange(len(arrivals))[:, None] == of).astype(self.dtype)
+        tables = (merge @ mass.reshape(len(mass), -1)).reshape(-1, *mass.shape[1:])
+        for arrival, table in zip(arrivals, tables):
             arrived[arrival] += table
 
-    def settle(self, arrived: dict[Arrival, FloatArray]) -> FloatArray:
-        """Discounted mass of the next states, (P, 3, 8, 6^n): adjoint of `ahead`."""
+    def settle(self, arrived: Expectations) -> RealArray:
+        """Discounted mass of the next states, (q, 3, 8, 6^n)."""
         mass = np.zeros(self.shape, self.dtype)
-        for arrival, table in arrived.items():
-            way, place, _ = arrival
-            moved = table.reshape(24, -1) @ self.moves[arrival]
-            mass[place] += self.faults[way].T @ moved.reshape(table.shape)
+        for arrival, (moves, *completed) in self.moves.items():
+            table = arrived[arrival]
+            moved = np.zeros((24, self.shape[-1]), self.dtype)
+            for instead in completed:
+                done = self.completion * table
+                moved += done.reshape(moved.shape) @ instead
+                table = table - done
+            moved += table.reshape(moved.shape) @ moves
+            mass[arrival.cell] += self.faults[arrival.regime].T @ moved.reshape(table.shape)
         later = self.threat.swapaxes(1, 2) @ mass.reshape(len(mass), 3, -1)
         return later.reshape(self.shape)
 
 
 def proven_values(
-    mdp: ClusterMdp, costs: Sequence[FloatArray], values: FloatArray, tolerance: float
-) -> FloatArray:
-    """Lower bound on a cluster's W, (P, 3, 8, 6^n), by value iteration, rounding included.
+    mdp: ClusterMdp, shifts: Sequence[RealArray], values: RealArray, tolerance: float
+) -> RealArray:
+    """Lower bound on a cluster's W, (q, 3, 8, 6^n), by value iteration, rounding included.
 
-    Stops once it is within `tolerance`, relative to the largest number, of the upper bound.
-    W_{n+1} + gamma/(1-gamma) min(W_{n+1} - W_n) <= W* (MacQueen 1966).
+    Parameters
+    ----------
+    mdp : ClusterMdp
+        In double precision.
+    shifts : list of float array (A, 3, 8, 6^n)
+        What is added to the cost of each action, for each cell.
+    values : float array (q, 3, 8, 6^n)
+        Where to start.
+    tolerance : float
+        Largest distance from the upper bound, relative to the largest number.
     """
-    discount = mdp.factors.mission.discount
-    gain, spread = discount / (1 - discount), np.inf
-    largest = max(float(np.abs(cost[np.isfinite(cost)]).max()) for cost in costs)
+    discount, span = mdp.sub.mission.discount, np.inf
+    largest = max(
+        np.abs(cost[np.isfinite(cost)]).max()
+        for cost in (mdp.state_costs, mdp.action_costs, *mdp.price.values(), *shifts)
+    )
     while True:
         ahead, before = mdp.ahead(values), values
         values = np.stack(
-            [(cost + mdp.expected(place, ahead)).min(axis=0) for place, cost in enumerate(costs)]
+            [(mdp.q_values(cell, ahead) + shift).min(axis=0) for cell, shift in enumerate(shifts)]
         )
+        values += mdp.state_costs
         change = values - before
-        low = float(change.min())
-        previous, spread = spread, float(change.max()) - low
-        magnitude = largest + float(np.abs(values).max())
-        if gain * spread <= tolerance * magnitude or not spread < previous:
+        bounds = SpanBounds(float(change.min()), float(change.max()), discount)
+        magnitude = float(largest + np.abs(values).max())
+        if bounds.gain * bounds.span <= tolerance * magnitude or bounds.stalled(span):
             break
-    error = (ROUNDINGS + values.shape[-1]) * np.finfo(values.dtype).eps + mdp.defect
-    return values + (gain * low - error * magnitude / (1 - discount))
+        span = bounds.span
+    rounding = (ROUNDINGS_A_BACKUP + values.shape[-1]) * np.finfo(values.dtype).eps + mdp.defect
+    return values + (bounds.lowest - bounds.accumulated(rounding * magnitude))

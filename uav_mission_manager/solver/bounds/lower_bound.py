@@ -21,41 +21,53 @@ ends in, value iteration then proves the bound.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
 
+from uav_mission_manager.mdp.arrays import FloatArray, IndexArray, IntArray, RealArray
 from uav_mission_manager.mdp.mission import Mission
-from uav_mission_manager.solver.axes import FloatArray
 from uav_mission_manager.solver.bounds.cluster_mdp import ClusterMdp, proven_values
-from uav_mission_manager.solver.expansion.basis import cluster_states
-from uav_mission_manager.solver.factors import STAKES, Factors, goal_order
+from uav_mission_manager.solver.progress import Progress, Report, ignore
+from uav_mission_manager.solver.reduced import X_VALUES, ReducedMission, goal_order
+from uav_mission_manager.solver.submdp import shared_sub_mdps, state_count, whole_mission
+from uav_mission_manager.solver.threads import processors, share, single_threaded_blas
 
-WARM, FALL = 0.5, 1 / 150
-"""First temperature of the soft minimum, in the mean cost of an epoch over the square of the
-clusters that hold a goal on average, and what is left of it in the end."""
+T = TypeVar('T')
 
-RATE, HORIZONS = 3.0, 6.0
-"""Part of the agreeing psi taken, in (1 - discount), and iterations, in 1 / (1 - discount).
-Measured on the case study and random missions of three and ten goals: larger parts
-and higher temperatures overshoot, lower ones creep."""
+FIRST_TEMPERATURE = 0.5
+"""Of the soft minimum, in the mean cost of an epoch over the square of the clusters that hold a
+goal on average."""
+
+COOLING = 1 / 150
+"""Last temperature over the first."""
+
+STEP = 3.0
+"""Part of the agreeing psi taken in an iteration, in (1 - discount). Measured on the case study
+and random missions of three and ten goals: larger parts and higher temperatures overshoot, lower
+ones creep."""
+
+HORIZONS = 6.0
+"""Iterations by default, in 1 / (1 - discount)."""
 
 RARE = 1e-6
 """What is added to occupancies, of which a state's is 1 on average."""
 
-GRID = 2.0**-24
-"""Of the mean cost: psi is rounded to multiples of it, so that its sums are exact."""
+PSI_UNIT = 2.0**-24
+"""Of the mean cost of an epoch: psi is rounded to multiples of it, so that its sums are exact."""
 
-ROUGH = 1e-2
+ROUGH_TOLERANCE = 1e-2
 """Tolerance of the values that the ascent starts from."""
 
-WORK = 1 << 26
+WORK_ENTRIES = 1 << 26
 """Most entries of all clusters' Q in a certificate; an iteration takes some 10 ns an entry."""
 
-TINY = float(np.finfo(np.float32).tiny)
+SINGLE_LOSS = 1e-6
+"""Part of the bound that rounding its tables to float32 may cost; else they are float64."""
 
 
 @dataclass(frozen=True)
@@ -66,45 +78,31 @@ class LowerBound:
     ----------
     mission : Mission
     clusters : int array (C, n)
-        Goals of each cluster, from 0.
-    tables : float32 array (C, P, 3, 8, 6, .., 6)
-        Lower bounds on each cluster's W over place, t, f and its x_j = 2 g_j + r_j, so
+        Goals of each cluster, from 0, ascending.
+    tables : float32 or float64 array (C, q, 3, 8, 6, .., 6)
+        Lower bounds on each cluster's W over l, t, f and its x_j = 2 g_j + r_j, so
         V*(s) >= p(t, m) - [c > 0] eta_c g_c r_c + sum of the clusters' W.
     """
 
     mission: Mission
-    clusters: NDArray[np.intp]
-    tables: NDArray[np.float32]
+    clusters: IndexArray
+    tables: RealArray
 
-    def values(self, states: NDArray[np.int64]) -> NDArray[np.float64]:
+    def values(self, states: IntArray) -> FloatArray:
         """Lower bound on V* of valid states (N, 2k+5), shape (N,)."""
         return np.maximum(self.sums(states), 0.0)
 
-    def sums(self, states: NDArray[np.int64]) -> NDArray[np.float64]:
+    def sums(self, states: IntArray) -> FloatArray:
         """Return the same before it is raised to 0, below which no cost is."""
-        k, goals, eta = self.mission.k, self._goals, self._eta
-        f, (cell, c, t, m) = states[:, 0] - 1, states[:, -4:].T
-        x = 2 * states[:, 1 + k : 1 + 2 * k] + states[:, 1 : 1 + k]
-        place = np.where(cell == goals[c], self.mission.grid.q + c - 1, cell)
-        committed = x[np.arange(len(x)), np.maximum(c - 1, 0)]
-        total = self._threat[t, m] - eta[c] * STAKES[committed]
-        shared = (part[:, None] for part in (place, t, f))
+        s, x = self._whole.split(states), self._whole.x(states)
+        shared = (part[:, None] for part in (s.l, s.t, s.f - 1))
         own = (x[:, column] for column in self.clusters.T)
         entries = self.tables[(np.arange(len(self.clusters)), *shared, *own)]
-        total += entries.sum(axis=1, dtype=float)
-        return np.asarray(total)
+        return np.asarray(self._whole.mode_costs(states) + entries.sum(axis=1, dtype=float))
 
     @cached_property
-    def _goals(self) -> NDArray[np.intp]:
-        return np.array([-1, *(goal.cell for goal in self.mission.goals)])
-
-    @cached_property
-    def _eta(self) -> NDArray[np.float64]:
-        return np.array([0.0, *(goal.eta for goal in self.mission.goals)])
-
-    @cached_property
-    def _threat(self) -> NDArray[np.float64]:
-        return np.array(self.mission.threat.cost)
+    def _whole(self) -> ReducedMission:
+        return ReducedMission(whole_mission(self.mission))
 
 
 def lower_bound(
@@ -113,7 +111,8 @@ def lower_bound(
     *,
     iterations: int | None = None,
     tolerance: float = 1e-4,
-    on_step: Callable[[int, int], None] | None = None,
+    threads: int | None = None,
+    progress: Progress = ignore,
 ) -> LowerBound:
     """Bound V* from below by the sum over clusters of goals.
 
@@ -127,8 +126,10 @@ def lower_bound(
         Steps of the ascent; 0 leaves the even split. By default 6 / (1 - discount).
     tolerance : float
         How far value iteration may stay below a cluster's optimum, relative to its largest W.
-    on_step : callable, optional
-        Called after each step of the ascent with its number and that of all.
+    threads : int, optional
+        At most this many; all processors by default. The result is the same bits.
+    progress : Progress
+        Is told of each step of the ascent.
 
     Raises
     ------
@@ -143,91 +144,122 @@ def lower_bound(
         raise ValueError(f'iterations {iterations} must not be below 0')
     if not tolerance > 0:
         raise ValueError(f'tolerance {tolerance} must be above 0')
-    split = _Split(Factors(mission), members)
-    if len(members) == 1 or not iterations:
-        best = split.proven(tolerance)
-    else:
-        even = split.proven(ROUGH)
-        ascent = _Ascent(split, even)
-        for step in range(iterations):
-            ascent.climb(step / iterations)
-            if on_step is not None:
-                on_step(step + 1, iterations)
-        best = split.proven(tolerance, ascent.values.astype(float), ascent.balanced())
-        if best.sum() < even.sum():
-            best = split.proven(tolerance, even)
-    tables = best.astype(np.float32)
-    tables = np.where(tables > best, np.nextafter(tables, np.float32(-np.inf)), tables)
-    return LowerBound(mission, members, tables.reshape(*best.shape[:4], *(6,) * members.shape[1]))
+    with single_threaded_blas():
+        split = _Split(mission, members, processors() if threads is None else threads)
+        best = _best(split, iterations, tolerance, progress)
+    progress(Report(iterations, 1.0, 'lower bound proven'))
+    return LowerBound(mission, members, _rounded_down(best, members.shape[1]))
 
 
-def _members(clusters: Sequence[Sequence[int]], k: int) -> NDArray[np.intp]:
+def _members(clusters: Sequence[Sequence[int]], k: int) -> IndexArray:
     if not clusters or len({len(goals) for goals in clusters}) > 1:
         raise ValueError(f'clusters {clusters} must be of one size')
     if any(len(set(goals)) < len(goals) for goals in clusters):
         raise ValueError(f'clusters {clusters} name a goal twice')
     if {j for goals in clusters for j in goals} != set(range(k)):
         raise ValueError(f'clusters {clusters} must hold the goals 0..{k - 1}, each at least once')
-    return np.array(clusters, dtype=np.intp)
+    return np.sort(np.array(clusters, dtype=np.intp), axis=1)
+
+
+def _best(split: _Split, iterations: int, tolerance: float, progress: Progress) -> FloatArray:
+    """The better of the even split and of what the ascent finds."""
+    if len(split.members) == 1 or not iterations:
+        return split.proven(tolerance)
+    even = split.proven(ROUGH_TOLERANCE)
+    mean = split.epoch_cost(even)
+    if mean == 0:
+        return split.proven(tolerance, even)
+    ascent = _Ascent(split, even, mean)
+    for step in range(iterations):
+        ascent.climb(step / iterations)
+        text = f'lower bound, step {step + 1} of {iterations}'
+        progress(Report(step + 1, (step + 1) / (iterations + 1), text))
+    best = split.proven(
+        tolerance, ascent.unit * ascent.values.astype(np.float64), ascent.balanced()
+    )
+    return best if best.sum() > even.sum() else split.proven(tolerance, even)
+
+
+def _rounded_down(values: FloatArray, n: int) -> RealArray:
+    """Tables in float32, where that costs little, rounded down, over the axes of W."""
+    with np.errstate(over='ignore'):
+        single = values.astype(np.float32)
+        single = np.where(single > values, np.nextafter(single, np.float32(-np.inf)), single)
+    every = (1, 2, 3, 4)
+    loss = (values - single).max(axis=every).sum()
+    tables = single if loss <= SINGLE_LOSS * values.min(axis=every).sum() else values
+    return tables.reshape(*values.shape[:4], *(X_VALUES,) * n)
 
 
 class _Split:
     """The clusters, and what their even split costs."""
 
-    def __init__(self, factors: Factors, members: NDArray[np.intp]) -> None:
-        self.factors, self.members = factors, members
+    def __init__(self, mission: Mission, members: IndexArray, threads: int) -> None:
+        self.mission, self.members, self.threads = mission, members, threads
+        self.subs = shared_sub_mdps(mission, members)
         self.holders = np.bincount(members.ravel())
         n = members.shape[1]
-        x = np.indices((6,) * n).reshape(n, -1)
-        own = (x[:, None] == np.arange(6)[:, None]).reshape(6 * n, -1)
+        x = np.indices((X_VALUES,) * n).reshape(n, -1)
+        own = (x[:, None] == np.arange(X_VALUES)[:, None]).reshape(X_VALUES * n, -1)
         self.columns = np.vstack([own, np.ones((1, own.shape[1]))])
         """Which psi add up for each x, (6 n + 1, 6^n): one by slot and x_j, and one of all."""
 
-    def mdp(self, cluster: int, dtype: DTypeLike) -> ClusterMdp:
-        return ClusterMdp(self.factors, self.members[cluster].tolist(), dtype)
+    def epoch_cost(self, values: FloatArray) -> float:
+        """Mean cost of an epoch, from the clusters' W."""
+        return (1 - self.mission.discount) * float(np.abs(values.sum(axis=0)).mean())
 
-    def costs(self, mdp: ClusterMdp) -> list[FloatArray]:
-        return mdp.costs(self.holders, len(self.members))
+    def each(self, work: Callable[[int], T]) -> list[T]:
+        """Results of work(cluster), of the clusters in their order."""
+
+        def numbered(thread: int, cluster: int) -> tuple[int, T]:
+            return cluster, work(cluster)
+
+        found = dict(share(numbered, range(len(self.members)), self.threads))
+        return [found[cluster] for cluster in range(len(self.members))]
 
     def proven(
         self, tolerance: float, start: FloatArray | None = None, psi: FloatArray | None = None
     ) -> FloatArray:
-        """Lower bounds on the clusters' W, (C, P, 3, 8, 6^n)."""
+        """Lower bounds on the clusters' W, (C, q, 3, 8, 6^n)."""
 
-        def prove(cluster: int) -> FloatArray:
-            mdp = self.mdp(cluster, np.float64)
-            costs = self.costs(mdp)
+        def prove(cluster: int) -> RealArray:
+            mdp = ClusterMdp(self.subs[cluster], np.float64)
+            shape = (-1, *mdp.shape[1:])
+            shifts: list[RealArray] = [np.zeros((1, 1, 1, 1))] * mdp.shape[0]
             if psi is not None:
-                for cost, shift in zip(costs, psi[cluster]):
-                    cost += (shift @ self.columns).reshape(cost.shape)
+                shifts = [(part @ self.columns).reshape(shape) for part in psi[cluster]]
             values = np.zeros(mdp.shape) if start is None else start[cluster]
-            return proven_values(mdp, costs, values, tolerance)
+            return proven_values(mdp, shifts, values, tolerance)
 
-        return np.stack([prove(cluster) for cluster in range(len(self.members))])
+        return np.array(self.each(prove))
 
 
 class _Ascent:
-    """Ascent on psi, (C, P, A, 3 * 8, 6 n + 1), from V_i of the even split."""
+    """Ascent on psi, (C, q, A, 3 * 8, 6 n + 1), from V_i of the even split.
 
-    def __init__(self, split: _Split, even: FloatArray) -> None:
-        self.split, self.rest = split, 1 - split.factors.mission.discount
-        self.unit = self.rest * float(np.abs(even.sum(axis=0)).mean())
-        self.warm = WARM * max(self.unit, TINY) / split.holders.mean() ** 2
+    All costs are over `unit`, the mean cost of an epoch to the next power of two, so that single
+    precision does whatever they are counted in.
+    """
+
+    def __init__(self, split: _Split, even: FloatArray, mean: float) -> None:
+        self.split, self.rest = split, 1 - split.mission.discount
+        self.unit = unit = 2.0 ** math.ceil(math.log2(mean))
+        self.warm = FIRST_TEMPERATURE * mean / unit / split.holders.mean() ** 2
         self.columns = split.columns.astype(np.float32)
-        self.mdps = [split.mdp(c, np.float32) for c in range(len(split.members))]
-        self.costs = [split.costs(mdp) for mdp in self.mdps]
-        self.values = even.astype(np.float32)
+        self.mdps = [ClusterMdp(sub, np.float32, unit) for sub in split.subs]
+        self.values = (even / unit).astype(np.float32)
         self.occupancy = np.ones_like(self.values)
-        shape = len(even), len(even[0]), len(split.factors.actions), 24, len(self.columns)
-        self.psi: FloatArray = np.zeros(shape, np.float32)
-        self.pools = [np.nonzero(split.members == j) for j in range(split.factors.k)]
+        actions = len(split.subs[0].numbers)
+        shape = len(even), len(even[0]), actions, 24, len(self.columns)
+        self.psi: RealArray = np.zeros(shape, np.float32)
+        self.pools = [np.nonzero(split.members == j) for j in range(split.mission.k)]
 
     def climb(self, done: float) -> None:
         """Take one step, after a part of all."""
-        tau = np.float32(self.warm * FALL**done)
-        step = np.stack([self._visit(cluster, tau) for cluster in range(len(self.mdps))])
+        tau = np.float32(self.warm * COOLING**done)
+        step = np.stack(self.split.each(lambda cluster: self._visit(cluster, tau)))
         np.log(step + np.float32(RARE), out=step)
-        step *= np.float32(RATE * self.rest) * tau
+        step *= np.float32(STEP * self.rest) * tau
         step[..., -1] -= step[..., -1].mean(axis=0)
         own = self._own(step)
         for clusters, slots in self.pools:
@@ -235,40 +267,38 @@ class _Ascent:
         self.psi += step
 
     def balanced(self) -> FloatArray:
-        """Psi on the grid; exactly zero in sum over the clusters that share it."""
-        grid = GRID * 2.0 ** np.ceil(np.log2(max(self.unit, TINY)))
-        psi = grid * np.round(self.psi / grid)
+        """Psi as multiples of its unit; exactly zero in sum over the clusters that share it."""
+        psi = np.round(self.psi.astype(float) / PSI_UNIT)
         own = self._own(psi)
         psi[-1, ..., -1] -= psi[..., -1].sum(axis=0)
         for clusters, slots in self.pools:
             own[clusters[-1], ..., slots[-1], :] -= own[clusters, ..., slots, :].sum(axis=0)
-        return psi
+        return np.asarray(psi * (PSI_UNIT * self.unit))
 
-    def _visit(self, cluster: int, tau: np.float32) -> FloatArray:
+    def _visit(self, cluster: int, tau: np.float32) -> RealArray:
         """Sweep a cluster's W and occupancy; return the occupancies of (y, x_j, a) and (y, a)."""
         mdp, values = self.mdps[cluster], self.values[cluster]
         ahead = mdp.ahead(values)
         arrived = {arrival: np.zeros_like(table) for arrival, table in ahead.items()}
         marginals = np.empty_like(self.psi[cluster])
-        for place, cost in enumerate(self.costs[cluster]):
-            q = mdp.expected(place, ahead)
-            q += cost
-            q += (self.psi[cluster, place] @ self.columns).reshape(q.shape)
+        for cell, psi in enumerate(self.psi[cluster]):
+            q = mdp.q_values(cell, ahead)
+            q += (psi @ self.columns).reshape(q.shape)
             least = q.min(axis=0)
             q -= least
             q *= -1 / tau
             np.exp(q, out=q)
             total = q.sum(axis=0)
-            values[place] = least - tau * np.log(total)
-            q *= self.occupancy[cluster, place] / total
-            marginals[place] = q.reshape(*marginals.shape[1:3], -1) @ self.columns.T
-            mdp.leave(place, q, arrived)
+            values[cell] = least - tau * np.log(total) + mdp.state_costs
+            q *= self.occupancy[cluster, cell] / total
+            marginals[cell] = q.reshape(*psi.shape[:2], -1) @ self.columns.T
+            mdp.leave(cell, q, arrived)
         self.occupancy[cluster] = self.rest + mdp.settle(arrived)
         return marginals
 
-    def _own(self, rows: FloatArray) -> FloatArray:
-        """View of psi(y, x_j, a): (C, P, A, 24, n, 6)."""
-        return rows[..., :-1].reshape(*rows.shape[:-1], -1, 6)
+    def _own(self, rows: RealArray) -> RealArray:
+        """View of psi(y, x_j, a): (C, q, A, 24, n, 6)."""
+        return rows[..., :-1].reshape(*rows.shape[:-1], -1, X_VALUES)
 
 
 def covering(mission: Mission, max_states: int) -> list[tuple[int, ...]]:
@@ -284,11 +314,13 @@ def covering(mission: Mission, max_states: int) -> list[tuple[int, ...]]:
         If the sub-MDP of one goal has more than T_max states.
     """
     k, order = mission.k, goal_order(mission)
-    if cluster_states(mission, 1) > max_states:
+    if state_count(1, mission.grid.q, 8) > max_states:
         raise ValueError(f'no goal has a sub-MDP of at most T_max = {max_states:,} states')
     for n, cover in ((3, _triples(k)), (2, _ring(k)), (1, [(j,) for j in range(k)])):
-        entries = len(cover) * (mission.grid.q + k) * (2 * k + 4) * 24 * 6**n
-        if n == 1 or (n <= k and cluster_states(mission, n) <= max_states and entries <= WORK):
+        entries = len(cover) * mission.grid.q * (2 * k + 4) * 24 * 6**n
+        if n == 1 or (
+            n <= k and state_count(n, mission.grid.q, 8) <= max_states and entries <= WORK_ENTRIES
+        ):
             break
     return [tuple(order[j] for j in cluster) for cluster in cover]
 
