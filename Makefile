@@ -34,11 +34,14 @@ help:
 demo: $(READY)
 	$(RUN) -m uav_mission_manager.cli.demo $(ARGS)
 
+# Unit tests share the processors; integration tests, whose nodes have deadlines, run alone after them.
 test: $(READY)
-	$(RUN) -m pytest $(ARGS)
+	$(RUN) -m pytest test/unit test/property -n auto $(ARGS)
+	$(RUN) -m pytest test/integration $(ARGS)
 
 lint: $(READY)
 	$(RUN) -m ruff check
+	$(RUN) -m ruff format --check
 	$(RUN) -m mypy
 
 bench: $(READY)

@@ -13,7 +13,7 @@ from strategies import case_study, missions, pick_states
 from uav_mission_manager import build_policy, load_policy
 from uav_mission_manager.mdp import mission_from_dict
 from uav_mission_manager.policy import certify
-from uav_mission_manager.solver import whole_mission
+from uav_mission_manager.solver.submdp import whole_mission
 from uav_mission_manager.solver.evaluation.policy_evaluation import evaluate, tabulate
 
 

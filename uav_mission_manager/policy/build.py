@@ -233,7 +233,8 @@ def _expansion(job: Job) -> ExpansionPolicy:
     plan = decompose(mission, max_states, 'clusters')
     with workers(job.jobs or 1, job.scheduler) as pool:
         fit = partial(fit_expansion, mission, clusters)
-        names, tasks = ['fit of the expansion'], [fit]
+        names = ['fit of the expansion']
+        tasks: list[Task] = [fit]
         certified = job.certificate is None or job.certificate
         if certified:
             names.append('lower bound')
@@ -251,9 +252,9 @@ def _recombined(method: str, job: Job) -> RecombinedPolicy:
     plan = decompose(mission, max_states, 'goal')
     subs = RECOMBINATIONS[method].sub_mdps(mission)
     with workers(job.jobs or 1, job.scheduler) as pool:
-        options = {'precision': job.precision, 'threads': 1}
+        solve = partial(value_iteration, precision=job.precision, threads=1)
         names = [f'sub-MDP of {mission.goals[sub.goals[0]].name}' for sub in subs]
-        tasks: list[Task] = [partial(value_iteration, s, job.tolerance, **options) for s in subs]
+        tasks: list[Task] = [partial(solve, sub, job.tolerance) for sub in subs]
         if job.certificate:
             names.append('lower bound')
             limit = job.max_states or state_count(min(job.order, mission.k), mission.grid.q, 8)

@@ -10,7 +10,7 @@ from importlib import import_module
 from multiprocessing import get_context
 from typing import Any
 
-Task = Callable[[], Any]
+Task = Callable[..., Any]
 
 
 @dataclass(frozen=True)

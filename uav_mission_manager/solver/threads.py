@@ -11,10 +11,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import TypeVar
 
-from threadpoolctl import threadpool_limits
+try:
+    from threadpoolctl import threadpool_limits
+except ImportError:  # rosdep has no key for it; builds are right without it, only slower.
+    threadpool_limits = None
 
 T = TypeVar('T')
 R = TypeVar('R')
@@ -30,7 +33,7 @@ def processors() -> int:
 @contextmanager
 def single_threaded_blas() -> Iterator[None]:
     """Let linear algebra use one thread a call meanwhile."""
-    with threadpool_limits(1, user_api='blas'):
+    with threadpool_limits(1, user_api='blas') if threadpool_limits else nullcontext():
         yield
 
 

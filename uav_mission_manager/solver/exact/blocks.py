@@ -131,7 +131,8 @@ class _Block:
 
     def _users(self) -> dict[int, _Users]:
         """By landing cell, who leads there and how."""
-        reduced, users = self.model.reduced, defaultdict(lambda: defaultdict(list))
+        reduced = self.model.reduced
+        users: dict[int, _Users] = defaultdict(lambda: defaultdict(list))
         for a, choice in enumerate(self.model.choices):
             for position, cell in enumerate(self.cells):
                 slot = choice.slot if reduced.completes[a, cell] else None

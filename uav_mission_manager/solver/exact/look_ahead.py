@@ -56,7 +56,7 @@ class LookAhead:
         model = self.model
         cell, row, column = model.locate(states)
         if self.table is None:
-            expected = np.stack([self._expected(*at) for at in zip(cell, row, column)])
+            expected: RealArray = np.stack([self._expected(*at) for at in zip(cell, row, column)])
         else:
             expected = self.table[self.arrivals[:, cell].T, row[:, None], column[:, None]]
         levels = np.zeros((len(states), len(self.slots)), dtype=np.intp)
