@@ -11,21 +11,27 @@ What is left is the plan {M_1..M_N}, best first, and the map phi from states to 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy import sparse
 
+from uav_mission_manager.mdp.arrays import IndexArray
 from uav_mission_manager.mdp.grid import Grid
-from uav_mission_manager.mdp.mission import Mission
+from uav_mission_manager.mdp.mission import FAULT_MODES, Mission
 from uav_mission_manager.solver.decomposition.measures import Measures
 from uav_mission_manager.solver.decomposition.plan import Part, Plan, first_part
+from uav_mission_manager.solver.submdp import state_count
 
-MODES = tuple(range(1, 9))
+ALL_FAULT_MODES = tuple(range(1, len(FAULT_MODES) + 1))
 
-GROUPS = (8, 4, 2, 1)
+FAULT_GROUP_SIZES = (8, 4, 2, 1)
 """Fault modes in a group: all, camera healthy or failed, and so on by actuator and sensor."""
+
+RANKING_DECIMALS = 12
+"""Decimals of a part's measures: further ones, which differ between machines, rank nothing."""
 
 
 def decompose(
@@ -88,37 +94,38 @@ class _Candidates:
         self.goals, self.cells = tuple(range(mission.k)), tuple(range(mission.grid.q))
 
     def single_goals(self) -> list[Part]:
-        return [self._part('goal', (j,), self.cells, MODES) for j in self.goals]
+        return [self._part('goal', (j,), self.cells, ALL_FAULT_MODES) for j in self.goals]
 
     def merged_goals(self) -> list[Part]:
         """Each goal with those that couple most with the ones it is already merged with."""
         coupling, goals = self.measures.coupling, self.mission.goals
-        merged = {}
+        merged, largest = {}, _largest_cluster(self.mission, self.max_states)
         for cluster in ([j] for j in self.goals):
-            for _ in range(1, _largest_cluster(self.mission, self.max_states)):
+            for _ in range(1, largest):
                 ranked = [
                     (-math.fsum(coupling[j, cluster]), goals[j].name, j)
                     for j in self.goals
                     if j not in cluster
                 ]
                 cluster.append(min(ranked)[-1])
-                part = self._part('mixed', tuple(sorted(cluster)), self.cells, MODES)
-                merged[part.goals] = part
+                chosen = tuple(sorted(cluster))
+                if chosen not in merged:
+                    merged[chosen] = self._part('mixed', chosen, self.cells, ALL_FAULT_MODES)
         return [part for part in merged.values() if part.score > self.merge_score]
 
     def locations(self) -> list[Part]:
         return self._blocks(8)
 
     def fault_groups(self) -> list[Part]:
-        sizes = [size for size in GROUPS if self._room(size) >= len(self.cells)]
+        sizes = [size for size in FAULT_GROUP_SIZES if self._room(size) >= len(self.cells)]
         return self._blocks(sizes[0]) if sizes else []
 
     def fewest_blocks(self) -> list[Part]:
-        return self._blocks(min(GROUPS, key=self._count))
+        return self._blocks(min(FAULT_GROUP_SIZES, key=self._count))
 
     def _room(self, modes: int) -> int:
         """Cells of the largest block with so many fault modes."""
-        return self.max_states // _states(len(self.goals), 1, modes)
+        return self.max_states // state_count(len(self.goals), 1, modes)
 
     def _count(self, modes: int) -> float:
         """Number of blocks with so many fault modes."""
@@ -134,7 +141,7 @@ class _Candidates:
         for cells in _regions(self.mission.grid, room):
             kind = 'location' if modes == 8 else 'fault' if room >= len(self.cells) else 'mixed'
             for first in range(0, 8, modes):
-                faults = MODES[first : first + modes]
+                faults = ALL_FAULT_MODES[first : first + modes]
                 parts.append(self._part(kind, self.goals, cells, faults))
         return parts
 
@@ -144,22 +151,29 @@ class _Candidates:
         """A part that leaves goals out is as coherent as the cells its flights are between."""
         grid, measures = self.mission.grid, self.measures
         ends = [grid.base, grid.service, *(self.mission.goals[j].cell for j in goals)]
-        judged = (
+        measured = (
             measures.reward_impact(goals, cells),
             measures.spatial_coherence(cells if len(goals) == self.mission.k else ends),
             measures.fault_sensitivity(faults),
+            float(measures.coupling[np.ix_(goals, goals)].max()),
         )
-        states = _states(len(goals), len(cells), len(faults))
+        impact, coherence, sensitivity, coupling = (
+            round(measure, RANKING_DECIMALS) for measure in measured
+        )
+        judged = zip(self.weights, (impact, coherence, sensitivity))
+        states = state_count(len(goals), len(cells), len(faults))
         return Part(
-            kind,
-            goals,
-            cells,
-            faults,
-            states,
-            states * (2 * len(goals) + 4),
-            *judged,
-            coupling=float(measures.coupling[np.ix_(goals, goals)].max()),
-            score=sum(weight * measure for weight, measure in zip(self.weights, judged)),
+            kind=kind,
+            goals=goals,
+            cells=cells,
+            faults=faults,
+            states=states,
+            cost=states * (2 * len(goals) + 4),
+            reward_impact=impact,
+            spatial_coherence=coherence,
+            fault_sensitivity=sensitivity,
+            coupling=coupling,
+            score=sum(weight * measure for weight, measure in judged),
         )
 
 
@@ -195,13 +209,9 @@ def _check(
         raise ValueError(f'merge_score {merge_score} is not finite')
 
 
-def _states(goals: int, cells: int, faults: int) -> int:
-    return faults * 6**goals * cells * (goals + 1) * 6
-
-
 def _largest_cluster(mission: Mission, max_states: int) -> int:
     """Goals of the largest cluster that fits, 0 if none does."""
-    fits = (_states(n, mission.grid.q, 8) <= max_states for n in range(1, mission.k + 1))
+    fits = (state_count(n, mission.grid.q, 8) <= max_states for n in range(1, mission.k + 1))
     return sum(fits)
 
 
@@ -222,8 +232,8 @@ def _regions(grid: Grid, room: int) -> list[tuple[int, ...]]:
 def _without_overlap(mission: Mission, parts: Sequence[Part], overlap: float) -> tuple[Part, ...]:
     """Drop parts too much like a better one, unless they are needed to cover a state."""
     kept = np.zeros(len(parts), dtype=bool)
-    for number, alike in enumerate(_jaccard(mission, parts) >= overlap):
-        kept[number] = not alike[kept].any()
+    for number, others in enumerate(_alike(mission, parts, overlap)):
+        kept[number] = not kept[others].any()
     best = [part for part, keep in zip(parts, kept) if keep]
     covered = first_part(mission, best) <= len(best)
     for number, part in enumerate(parts):
@@ -232,17 +242,26 @@ def _without_overlap(mission: Mission, parts: Sequence[Part], overlap: float) ->
     return tuple(part for part, keep in zip(parts, kept) if keep)
 
 
-def _jaccard(mission: Mission, parts: Sequence[Part]) -> NDArray[np.float64]:
-    """Jaccard indices of the goals x cells x fault modes that parts cover, shape (N, N)."""
-    common = np.ones((len(parts), len(parts)))
-    for size, covered in (
-        (mission.k, [part.goals for part in parts]),
-        (mission.grid.q, [part.cells for part in parts]),
-        (9, [part.faults for part in parts]),
-    ):
-        members = np.zeros((len(parts), size))
-        for row, chosen in zip(members, covered):
-            row[list(chosen)] = 1
-        common *= members @ members.T
-    sizes = common.diagonal()
-    return common / (sizes[:, None] + sizes - common)
+def _alike(mission: Mission, parts: Sequence[Part], overlap: float) -> list[IndexArray]:
+    """The parts that each part overlaps with, by a Jaccard index of at least `overlap`."""
+    regions = {cells: number for number, cells in enumerate({part.cells: 0 for part in parts})}
+    inside = _members(list(regions), mission.grid.q)
+    of_region = _members([(regions[part.cells],) for part in parts], len(regions))
+    # Only pairs with cells in common are looked at: regions have no more than a few of them.
+    shared = (of_region @ (inside @ inside.T) @ of_region.T).tocoo()
+    one, other = shared.coords
+    common = shared.data
+    for chosen, size in (([p.goals for p in parts], mission.k), ([p.faults for p in parts], 9)):
+        members = _members(chosen, size).toarray()
+        common = common * (members[one] * members[other]).sum(axis=1)
+    sizes = np.array([len(p.goals) * len(p.cells) * len(p.faults) for p in parts])
+    alike = common / (sizes[one] + sizes[other] - common) >= overlap
+    ends = np.cumsum(np.bincount(one[alike], minlength=len(parts)))
+    return np.split(other[alike], ends[:-1])[: len(parts)]
+
+
+def _members(sets: Sequence[Sequence[int]], size: int) -> sparse.csr_array:
+    """1 where a number below `size` is in a set, shape (sets, size)."""
+    ends = np.cumsum([0, *map(len, sets)])
+    numbers = np.fromiter(itertools.chain.from_iterable(sets), np.int64)
+    return sparse.csr_array((np.ones(len(numbers), np.int64), numbers, ends), (len(sets), size))

@@ -9,9 +9,16 @@ from functools import cached_property
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.signal import fftconvolve
 
+from uav_mission_manager.mdp.arrays import FloatArray, IntArray
+from uav_mission_manager.mdp.dynamics import priority_matrices
+from uav_mission_manager.mdp.grid import Grid
 from uav_mission_manager.mdp.mission import Mission
+from uav_mission_manager.mdp.routes import diameter, distances
+
+PAIRWISE_CELLS = 64
+"""Cells up to which all pairs are looked at; of more, pairs are counted by their offset."""
 
 
 @dataclass(frozen=True)
@@ -26,14 +33,14 @@ class Measures:
     mission: Mission
 
     @cached_property
-    def worth(self) -> NDArray[np.float64]:
+    def worth(self) -> FloatArray:
         """What is at stake in each goal, omega_j = (eta_j + delta_j) u_j, shape (k,).
 
         u_j is the discounted share of epochs in which the goal is wanted, g_j > 0, if nobody
         completes it, over evenly drawn priorities at the start.
         """
         goals, discount = self.mission.goals, self.mission.discount
-        matrices = np.array([goal.priority_transition for goal in goals])
+        matrices = priority_matrices(self.mission)
         wanted = np.array([[[0.0], [1.0], [1.0]]])
         visits = np.linalg.solve(np.eye(3) - discount * matrices, (1 - discount) * wanted)
         # Rounded: the last digits, which differ between machines, shall not decide a rank.
@@ -41,21 +48,16 @@ class Measures:
         return np.array([goal.eta + goal.delta for goal in goals]) * shares
 
     @cached_property
-    def distances(self) -> NDArray[np.float64]:
-        """Distances between cells over the largest, shape (q, q)."""
-        distances = self.mission.grid.distances()
-        return distances / (distances.max() or 1.0)
-
-    @cached_property
-    def coupling(self) -> NDArray[np.float64]:
+    def coupling(self) -> FloatArray:
         """Reward coupling of two goals, shape (k, k), 0 on the diagonal.
 
         sqrt(omega_i omega_j) / max(omega) * (1 + d_ij / diameter) / 2: what one UAV that can
         serve only one of them at a time loses grows with what is at stake in both, and with the
         way between them.
         """
-        cells = [goal.cell for goal in self.mission.goals]
-        ways = (1 + self.distances[np.ix_(cells, cells)]) / 2
+        grid, cells = self.mission.grid, [goal.cell for goal in self.mission.goals]
+        apart = np.array([distances(grid, cell)[cells] for cell in cells])
+        ways = (1 + apart / (diameter(grid) or 1.0)) / 2
         relative = np.sqrt(self.worth / (self.worth.max() or 1.0))
         coupling = relative[:, None] * relative * ways
         np.fill_diagonal(coupling, 0.0)
@@ -79,9 +81,10 @@ class Measures:
 
     def spatial_coherence(self, cells: Iterable[int]) -> float:
         """1 - mean distance between two different cells of these / diameter of the grid."""
-        chosen = sorted(set(cells))
+        grid, chosen = self.mission.grid, np.unique(np.fromiter(cells, np.int64))
         pairs = len(chosen) * (len(chosen) - 1)
-        return 1 - float(self.distances[np.ix_(chosen, chosen)].sum()) / (pairs or 1)
+        total = summed_distances(grid, chosen)
+        return 1 - total / ((pairs or 1) * (diameter(grid) or 1.0))
 
     def fault_sensitivity(self, faults: Iterable[int]) -> float:
         """How far completion C and cost phi in some fault modes are from nominal, at most.
@@ -94,3 +97,17 @@ class Measures:
             / 2
             for f in faults
         )
+
+
+def summed_distances(grid: Grid, cells: IntArray) -> float:
+    """Sum of the distances of all ordered pairs of different cells, in cell widths."""
+    if len(cells) <= PAIRWISE_CELLS:
+        return float(sum(distances(grid, cell)[cells].sum() for cell in cells.tolist()))
+    row, col = np.divmod(cells, grid.cols)
+    height, width = int(np.ptp(row)) + 1, int(np.ptp(col)) + 1
+    region = np.zeros((height, width))
+    region[row - row.min(), col - col.min()] = 1
+    # Its autocorrelation counts the pairs of cells by how far south and east they are apart.
+    counts = np.rint(fftconvolve(region, region[::-1, ::-1]))
+    offsets = Grid(2 * height - 1, 2 * width - 1, 0, 0)
+    return float((counts.ravel() * distances(offsets, offsets.q // 2)).sum())

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from uav_mission_manager.mdp.arrays import BoolArray, IndexArray, IntArray
 from uav_mission_manager.mdp.mission import FAULT_MODES, Mission
 from uav_mission_manager.mdp.states import StateSpace
+
+PHI = (
+    'the first part in whose cells and fault modes the state is, with a goal wanted or none at all'
+)
+"""The map phi from states to parts, as a plan's JSON says it."""
+
+NAMED_VALUES = 5
+"""Most values of a variable that an error names."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +58,30 @@ class Part:
     coupling: float
     score: float
 
+    def to_dict(self, mission: Mission) -> dict[str, Any]:
+        """Return the part for JSON: goals and fault modes by name, cells as first and last."""
+        return asdict(self) | {
+            'goals': [mission.goals[j].name for j in self.goals],
+            'cells': _runs(self.cells),
+            'faults': [FAULT_MODES[f - 1] for f in self.faults],
+        }
+
+    @classmethod
+    def from_dict(cls, mission: Mission, data: Mapping[str, Any]) -> Part:
+        """Return the part that `to_dict` wrote; raises what `Plan.from_dict` does."""
+        names = [goal.name for goal in mission.goals]
+        cells = tuple(cell for first, last in data['cells'] for cell in range(first, last + 1))
+        if not cells or min(cells) < 0 or max(cells) >= mission.grid.q:
+            raise ValueError(f'cells {data["cells"]} are not all cells of the grid')
+        written = {
+            'goals': tuple(names.index(name) for name in data['goals']),
+            'cells': cells,
+            'faults': tuple(FAULT_MODES.index(name) + 1 for name in data['faults']),
+        }
+        return cls(**{**data, **written})
+
     @property
-    def box(self) -> tuple[NDArray[np.intp], ...]:
+    def box(self) -> tuple[IndexArray, ...]:
         """Indices of what it covers in tables over (goal, cell, fault mode)."""
         goals, cells, faults = map(np.array, (self.goals, self.cells, self.faults))
         return np.ix_(goals, cells, faults - 1)
@@ -79,11 +110,11 @@ class Plan:
             )
 
     @cached_property
-    def _first(self) -> NDArray[np.int64]:
+    def _first(self) -> IntArray:
         """Number of the first part that covers a goal, cell and fault mode, (k, q, 8); N+1."""
         return first_part(self.mission, self.parts)
 
-    def part_of(self, states: ArrayLike) -> NDArray[np.int64]:
+    def part_of(self, states: ArrayLike) -> IntArray:
         """phi(s) of states (N, 2k+5), in 1..N, shape (N,).
 
         A part covers the states in its cells and fault modes in which one of its goals is
@@ -94,12 +125,12 @@ class Plan:
         StateError
             If a state is none of the mission's.
         """
-        k = self.mission.k
-        rows = StateSpace(k, self.mission.grid.q).check(states)
-        wanted = rows[:, 1 + k : 1 + 2 * k] > 0
+        space = StateSpace(self.mission.k, self.mission.grid.q)
+        s = space.split(space.check(states))
+        wanted = s.g > 0
         wanted |= ~wanted.any(axis=1, keepdims=True)
-        first = self._first[:, rows[:, -4], rows[:, 0] - 1].T
-        return first.min(axis=1, where=wanted, initial=len(self.parts))
+        first = self._first[:, s.l, s.f - 1].T
+        return np.asarray(first.min(axis=1, where=wanted, initial=len(self.parts)), np.int64)
 
     @property
     def regions(self) -> tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]:
@@ -116,32 +147,46 @@ class Plan:
         return tuple((part.cells, part.faults) for part in self.parts)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the plan for JSON, goals and fault modes by name."""
-        names = [goal.name for goal in self.mission.goals]
-        parts = [
-            asdict(part)
-            | {
-                'goals': [names[j] for j in part.goals],
-                'cells': list(part.cells),
-                'faults': [FAULT_MODES[f - 1] for f in part.faults],
-            }
-            for part in self.parts
-        ]
-        return {'max_states': self.max_states, 'parts': parts}
+        """Return the plan for JSON; its parts, in their order, and the rule phi map all states."""
+        parts = [part.to_dict(self.mission) for part in self.parts]
+        return {'max_states': self.max_states, 'phi': PHI, 'parts': parts}
+
+    @classmethod
+    def from_dict(cls, mission: Mission, data: Mapping[str, Any]) -> Plan:
+        """Return the plan of a mission that `to_dict` wrote.
+
+        Raises
+        ------
+        ValueError, LookupError, TypeError
+            If it is no such plan: a field is missing, is unknown or does not fit the mission.
+        """
+        if data['phi'] != PHI:
+            raise ValueError(f'phi: {data["phi"]!r} is not {PHI!r}')
+        parts = tuple(Part.from_dict(mission, part) for part in data['parts'])
+        return cls(mission, data['max_states'], parts)
 
 
-def first_part(mission: Mission, parts: Sequence[Part]) -> NDArray[np.int64]:
+def first_part(mission: Mission, parts: Sequence[Part]) -> IntArray:
     """Number, from 1, of the first part that covers a goal, cell and fault mode, (k, q, 8).
 
-    N + 1 where none of the N parts does.
+    N + 1 where none of the N parts does. In the smallest integers that hold it.
     """
-    first = np.full((mission.k, mission.grid.q, 8), len(parts) + 1)
+    last = len(parts) + 1
+    first = np.full((mission.k, mission.grid.q, 8), last, np.min_scalar_type(last))
     for number, part in reversed(list(enumerate(parts, 1))):
         first[part.box] = number
     return first
 
 
-def _uncovered(mission: Mission, missing: NDArray[np.bool_]) -> str:
+def _runs(cells: Sequence[int]) -> list[list[int]]:
+    """First and last of each run of consecutive numbers among ascending ones."""
+    numbers = np.array(cells)
+    after = np.flatnonzero(np.diff(numbers) > 1) + 1
+    firsts, lasts = numbers[np.r_[0, after]], numbers[np.r_[after, len(numbers)] - 1]
+    return np.column_stack([firsts, lasts]).tolist()
+
+
+def _uncovered(mission: Mission, missing: BoolArray) -> str:
     """What is missing, (goal, cell, fault mode), in words and as a state."""
     names = [goal.name for goal in mission.goals]
     j, cell, f = (int(index) for index in np.argwhere(missing)[0])
@@ -152,7 +197,10 @@ def _uncovered(mission: Mission, missing: NDArray[np.bool_]) -> str:
         ('location', cells, (0, 2)),
         ('fault mode', FAULT_MODES, (0, 1)),
     ):
-        words += [f'{what} {values[i]}' for i in np.flatnonzero(missing.all(axis=others))]
+        absent = np.flatnonzero(missing.all(axis=others))
+        words += [f'{what} {values[i]}' for i in absent[:NAMED_VALUES]]
+        if len(absent) > NAMED_VALUES:
+            words.append(f'{len(absent) - NAMED_VALUES} more of the {what}s')
     if missing.all():
         words = ['any state']
     elif not words:
