@@ -1,7 +1,7 @@
 """Functions of all goals as products of functions of a few goals each.
 
 A feature is a product over the goals of a cluster T of one function of each x_j = 2 g_j + r_j.
-Given the way an action leads, the x_j move independently, so that the expectation of a feature is
+Given the regime of an epoch, the x_j move independently, so that the expectation of a feature is
 the product of the expectations: E[prod b(x_j')] = prod E[b(x_j')].
 
 Five functions and the constant tell all six x_j apart. The first two, the *coarse* ones, tell
@@ -21,14 +21,19 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import DTypeLike
 
+from uav_mission_manager.mdp.arrays import FloatArray, IndexArray, IntArray, RealArray
 from uav_mission_manager.mdp.mission import Mission
-from uav_mission_manager.solver.axes import FloatArray
 from uav_mission_manager.solver.decomposition.measures import Measures
-from uav_mission_manager.solver.factors import FLAGS, LEVELS, Factors
+from uav_mission_manager.solver.reduced import (
+    X_PRIORITY,
+    X_RANGE,
+    X_VALUES,
+    ReducedMission,
+)
 
-LIKELIHOOD = np.array([0.5, 0.25, 0.25])[LEVELS] * np.array([0.45, 0.55])[FLAGS]
+LIKELIHOOD = np.array([0.5, 0.25, 0.25])[X_PRIORITY] * np.array([0.45, 0.55])[X_RANGE]
 """Weight of each x_j in a fit. Measured: other weights of priority and range cost more, equal
 ones ten times as much (goals just completed matter, and are few among all states)."""
 
@@ -36,11 +41,11 @@ FEATURES, COMPLETE = 1536, 2304
 """Most features of an expansion of order two, and for each order more; where all clusters of the
 order are in it, it may have half as many more."""
 
+Outcome = tuple[int, int | None]
+"""What an epoch does to the goals: its regime, and the goal that is completed or None."""
+
 COARSE = 2
 """Functions of each x_j that are coarse."""
-
-FUNCTIONS = 6
-"""Of each x_j: the constant, the coarse ones and the rest."""
 
 
 @dataclass(frozen=True)
@@ -170,17 +175,17 @@ class Clusters:
 
 def cluster_states(mission: Mission, n: int, values: int | None = None) -> int:
     """States of a sub-MDP of n goals whose x_j together take so many values, 6^n in full."""
-    return 8 * (6**n if values is None else values) * mission.grid.q * (n + 1) * 6
+    return 8 * (X_VALUES**n if values is None else values) * mission.grid.q * (n + 1) * 6
 
 
 def _features(n: int, detail: int) -> int:
-    rest = FUNCTIONS - 1 - COARSE
+    rest = X_VALUES - 1 - COARSE
     return sum(math.comb(n, i) * rest**i * COARSE ** (n - i) for i in range(min(detail, n) + 1))
 
 
 def _values(n: int, detail: int) -> int:
     """Values that x_1..x_n take together in the largest sub-MDP of a cluster."""
-    return 6**n if detail >= n else max(6**detail * 2 ** (n - detail), 3**n)
+    return X_VALUES**n if detail >= n else max(X_VALUES**detail * 2 ** (n - detail), 3**n)
 
 
 class Basis:
@@ -188,21 +193,28 @@ class Basis:
 
     Functions are orthonormal under `LIKELIHOOD`, and all but the constant have mean 0.
 
+    Parameters
+    ----------
+    reduced : ReducedMission
+        Of the whole mission.
+    clusters : Clusters
+
     Attributes
     ----------
     size : int
         P, the constant feature counted, which is the first.
     products : list of tuple of int
-        Positions of each feature's factors, `FUNCTIONS` times the goal plus the function.
+        Positions of each feature's factors, 6 times the goal plus the function.
     """
 
-    def __init__(self, factors: Factors, clusters: Clusters) -> None:
-        self.factors, self.clusters, self.size = factors, clusters, clusters.features
-        wanted = FLAGS * (LEVELS > 0)
-        functions = _orthonormal(np.column_stack([np.ones(6), FLAGS, wanted, np.eye(6)[:, 2:5]]))
-        self._now = np.broadcast_to(functions, (1, factors.k, *functions.shape))
-        self._next = factors.goals @ functions
-        self._achieved = factors.achieved @ functions
+    def __init__(self, reduced: ReducedMission, clusters: Clusters) -> None:
+        self.reduced, self.clusters, self.size = reduced, clusters, clusters.features
+        wanted = X_RANGE * (X_PRIORITY > 0)
+        columns = np.column_stack([np.ones(6), X_RANGE, wanted, np.eye(6)[:, 2:5]])
+        functions = _orthonormal(columns)
+        self._now = np.broadcast_to(functions, (1, reduced.n, *functions.shape))
+        self._next = reduced.goals @ functions
+        self._completed = reduced.completed @ functions
         self.products = self._products()
         most = max(map(len, self.products))
         # 0 is a constant, and fills up.
@@ -214,56 +226,53 @@ class Basis:
         for group in self.clusters.groups:
             chosen = [
                 functions
-                for functions in itertools.product(range(1, FUNCTIONS), repeat=group.n)
+                for functions in itertools.product(range(1, X_VALUES), repeat=group.n)
                 if sum(b > COARSE for b in functions) <= group.detail
             ]
             for goals in group.clusters:
-                offsets = [FUNCTIONS * j for j in goals]
+                offsets = [X_VALUES * j for j in goals]
                 products += [tuple(map(sum, zip(offsets, functions))) for functions in chosen]
         return products
 
-    def embed(self, theta: FloatArray, other: Basis) -> FloatArray:
+    def embed(self, theta: RealArray, other: Basis) -> RealArray:
         """Coefficients (..., P) of a function in another basis, as far as this one has them."""
         positions = {product: position for position, product in enumerate(self.products)}
-        out: FloatArray = np.zeros((*theta.shape[:-1], self.size), theta.dtype)
+        out: RealArray = np.zeros((*theta.shape[:-1], self.size), theta.dtype)
         for row, product in enumerate(other.products):
             if product in positions:
                 out[..., positions[product]] = theta[..., row]
         return out
 
-    def now(self, x: NDArray[np.int64], dtype: DTypeLike = np.float64) -> FloatArray:
+    def now(self, x: IntArray, dtype: DTypeLike = np.float64) -> RealArray:
         """Features of x (N, k), shape (P, N)."""
         return self._features(self._look_up(self._now, x), dtype)[0]
 
     def expected(
-        self,
-        x: NDArray[np.int64],
-        ways: Sequence[int],
-        achieved: int | None = None,
-        dtype: DTypeLike = np.float64,
-    ) -> FloatArray:
-        """Expected features after each of the ways, shape (ways, P, N); a goal may be achieved."""
-        chosen = list(ways)
+        self, x: IntArray, outcomes: Sequence[Outcome], dtype: DTypeLike = np.float64
+    ) -> RealArray:
+        """Expected features after an epoch from x (N, k), shape (outcomes, P, N)."""
+        chosen = [regime for regime, _ in outcomes]
         values = self._look_up(self._next[chosen], x)
-        if achieved is not None:
-            values[:, achieved] = self._achieved[chosen][:, x[:, achieved]].swapaxes(1, 2)
+        for position, (regime, goal) in enumerate(outcomes):
+            if goal is not None:
+                values[position, goal] = self._completed[regime][x[:, goal]].T
         return self._features(values, dtype)
 
     @cached_property
-    def of_goal(self) -> list[NDArray[np.intp]]:
+    def of_goal(self) -> list[IndexArray]:
         """Positions of the features that look at each goal."""
-        goals = np.where(self._index > 0, self._index // FUNCTIONS, -1)
-        return [np.flatnonzero((goals == j).any(axis=0)) for j in range(self.factors.k)]
+        goals = np.where(self._index > 0, self._index // X_VALUES, -1)
+        return [np.flatnonzero((goals == j).any(axis=0)) for j in range(self.reduced.n)]
 
     @staticmethod
-    def _look_up(table: FloatArray, x: NDArray[np.int64]) -> FloatArray:
-        """Values (ways, k, functions, N) of a table (ways, k, 6, functions)."""
+    def _look_up(table: FloatArray, x: IntArray) -> FloatArray:
+        """Values (outcomes, k, functions, N) of a table (outcomes, k, 6, functions)."""
         return table[:, np.arange(x.shape[1]), x].transpose(0, 2, 3, 1)
 
-    def _features(self, values: FloatArray, dtype: DTypeLike) -> FloatArray:
-        """Products of the functions' values (ways, k, functions, N)."""
+    def _features(self, values: FloatArray, dtype: DTypeLike) -> RealArray:
+        """Products of the functions' values (outcomes, k, functions, N)."""
         flat = values.astype(dtype).reshape(len(values), -1, values.shape[-1])
-        out: FloatArray = flat.take(self._index[0], axis=1)
+        out: RealArray = flat.take(self._index[0], axis=1)
         for factor in self._index[1:]:
             out *= flat.take(factor, axis=1)
         return out
@@ -273,4 +282,4 @@ def _orthonormal(functions: FloatArray) -> FloatArray:
     """Functions of x_j (6, 6) made orthonormal, each to those before it."""
     weight = np.sqrt(LIKELIHOOD)[:, None]
     q, r = np.linalg.qr(functions * weight)
-    return q * np.sign(np.diag(r)) / weight
+    return np.asarray(q * np.sign(np.diag(r)) / weight)

@@ -1,21 +1,29 @@
-"""The Bellman backup of a sum of features in design points, all y at once.
+"""The Bellman backup of a sum of features in design points, all cells, threats and faults at once.
 
-With W(y, x) = theta(y) phi(x) the expectation over t' and f' is one over theta, that over x' one
-over phi, and what is left is a matrix product for each way to go on. What the actions of one
-arrival differ in, their costs and where they are allowed, does not change from sweep to sweep.
+With W(l, t, f, x) = theta(l, t, f) phi(x) the expectation over t' and f' is one over theta, that
+over x' one over phi, and what is left is a matrix product for each regime. What the actions of
+one arrival differ in, their costs and where they are allowed, does not change from sweep to
+sweep.
+
+The points are divided into blocks of a fixed size, which threads take one by one. So the matrix
+products, and with them the bits of the result, do not depend on how many threads there are.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from uav_mission_manager.solver.axes import FloatArray
-from uav_mission_manager.solver.expansion.basis import Basis
-from uav_mission_manager.solver.factors import WAYS
+from uav_mission_manager.mdp.arrays import IndexArray, IntArray, RealArray
+from uav_mission_manager.mdp.dynamics import Regime
+from uav_mission_manager.solver import threads
+from uav_mission_manager.solver.expansion.basis import Basis, Outcome
+from uav_mission_manager.solver.reduced import ReducedMission
 
-Arrival = tuple[int, int]
-"""Way (see `WAYS`) and landing place."""
+BLOCK_POINTS = 512
+"""Design points of a block."""
+
+Coefficients = dict[int, RealArray]
+"""Coefficients (q, 3, 8, P) of the discounted expectation over t' and f', of each regime."""
 
 
 class DesignBackup:
@@ -27,98 +35,106 @@ class DesignBackup:
     x : int array (M, k)
     """
 
-    def __init__(self, basis: Basis, x: NDArray[np.int64]) -> None:
-        self.basis, self.x, self.factors = basis, x, basis.factors
-        factors = self.factors
-        # A repair moves the goals as staying on the ground does.
-        expected = [*basis.expected(x, range(4), dtype=np.float32)]
-        self.expected = [*expected, expected[WAYS.index('none')]]
-        self.threat = factors.threat.astype(np.float32)
-        self.faults = (factors.mission.discount * factors.faults).astype(np.float32)
-        # Fault modes up to the last that may complete a goal.
-        self.able = 1 + max(np.flatnonzero(factors.completion), default=-1)
-        self.completion = factors.completion[: self.able, None].astype(np.float32)
-        self.price = factors.price[..., None, None].astype(np.float32)
-        self.arrivals = [self._arrivals(place) for place in range(factors.places)]
-        self.gains = [self._gains(goal) for goal in range(factors.k)]
-        self.landings = self._landings()
-        costs = factors.cost[np.arange(factors.k), x].sum(axis=1)
-        self.costs = (np.array(factors.mission.faults.cost)[:, None] + costs).astype(np.float32)
+    def __init__(self, basis: Basis, x: IntArray) -> None:
+        self.basis, self.points = basis, len(x)
+        reduced = basis.reduced
+        discount = reduced.sub.mission.discount
+        self._threat = reduced.threat.astype(np.float32)
+        self._faults = (discount * reduced.faults).astype(np.float32)
+        starts = range(0, len(x), BLOCK_POINTS)
+        self._slices = [slice(start, start + BLOCK_POINTS) for start in starts]
+        self._blocks = [_Block(basis, x[part]) for part in self._slices]
 
-    def __call__(self, theta: FloatArray) -> FloatArray:
-        """Return T W, shape (places, 3, 8, M), of theta over place, t, f and feature."""
-        places, points = len(theta), len(self.x)
-        later = (self.threat @ theta.reshape(places, 3, -1)).reshape(theta.shape)
-        coefficients, ahead = {}, {}
-        for way, landings in self.landings.items():
-            mixed = self.faults[way] @ later[landings]
-            tables = mixed.reshape(-1, self.basis.size) @ self.expected[way]
-            tables = tables.reshape(-1, 3, 8, points) + self.price[int(way == 1), landings]
-            coefficients.update({(way, place): c for place, c in zip(landings, mixed)})
-            ahead.update({(way, place): table for place, table in zip(landings, tables)})
-        out: FloatArray = np.full((places, 3, 8, points), np.inf, np.float32)
-        scratch = np.empty_like(out[0])
-        for place, arrivals in enumerate(self.arrivals):
-            for arrival, cost in arrivals.items():
-                arrived = ahead[arrival]
-                if place >= self.factors.q and self.able:
-                    arrived = self._completing(place, arrival, ahead, coefficients)
-                np.add(arrived, cost, out=scratch)
-                np.minimum(out[place], scratch, out=out[place])
-            out[place] += self.costs
+    def __call__(self, theta: RealArray) -> RealArray:
+        """Return T W, shape (q, 3, 8, M), of theta over cell, t, f and feature."""
+        q = len(theta)
+        later = (self._threat @ theta.reshape(q, 3, -1)).reshape(theta.shape)
+        coefficients = {int(r): self._faults[r] @ later for r in Regime}
+        out = np.empty((*theta.shape[:3], self.points), np.float32)
+
+        def back_up(thread: int, block: int) -> None:
+            self._blocks[block](coefficients, out[..., self._slices[block]])
+
+        threads.share(back_up, range(len(self._blocks)), threads.processors())
         return out
 
-    def _completing(
-        self,
-        place: int,
-        arrival: Arrival,
-        ahead: dict[Arrival, FloatArray],
-        coefficients: dict[Arrival, FloatArray],
-    ) -> FloatArray:
-        """E on an arrival from a goal's site, where the goal is completed with some probability.
 
-        Then the arrival is on the cell, and the features that look at the goal gain.
-        """
-        (way, landing), goal, able = arrival, place - self.factors.q, self.able
-        on_cell = way, int(self.factors.cells[landing])
-        gains = self.gains[goal][way]
-        part = coefficients[on_cell][:, :able].take(self.basis.of_goal[goal], axis=-1)
-        done = (part.reshape(-1, part.shape[-1]) @ gains).reshape(3, able, -1)
-        done += ahead[on_cell][:, :able]
-        arrived = ahead[arrival].copy()
-        done -= arrived[:, :able]
-        done *= self.completion
-        arrived[:, :able] += done
-        return arrived
+class _Block:
+    """T W in some of the design points, with all that the sweeps have in common.
 
-    def _arrivals(self, place: int) -> dict[Arrival, FloatArray]:
-        """Arrivals from a place, each with the least cost of its actions, (8, M)."""
-        ways, landings = self.factors.way[:, place], self.factors.landing[:, place]
-        arrivals: dict[Arrival, list[int]] = {}
-        for action, arrival in enumerate(zip(ways.tolist(), landings.tolist())):
-            arrivals.setdefault(arrival, []).append(action)
-        costs = self.factors.action_costs(place, self.x)
+    Parameters
+    ----------
+    basis : Basis
+    x : int array (m, k)
+    """
+
+    def __init__(self, basis: Basis, x: IntArray) -> None:
+        reduced = self.reduced = basis.reduced
+        outcomes: list[Outcome] = [(r, None) for r in Regime if r != Regime.REPAIRED]
+        features = basis.expected(x, outcomes, np.float32)
+        self.expected = {int(regime): table for (regime, _), table in zip(outcomes, features)}
+        # A repair moves the goals as staying on the ground does.
+        self.expected[Regime.REPAIRED] = self.expected[Regime.PARKED]
+        self.price = reduced.price[..., None, None].astype(np.float32)
+        self.completion = reduced.completion[:, None].astype(np.float32)
+        self.of_goal = basis.of_goal
+        self.gains = {
+            (regime, goal): self._gain(basis, x, regime, goal)
+            for regime, goal in sorted(_completions(reduced))
+        }
+        self.arrivals = [self._arrivals(cell, x) for cell in range(reduced.q)]
+        goals = reduced.goal_costs[np.arange(reduced.n), x].sum(axis=1)
+        self.costs = (reduced.fault_costs[:, None] + goals).astype(np.float32)
+
+    def __call__(self, coefficients: Coefficients, out: RealArray) -> None:
+        """Write T W, shape (q, 3, 8, m)."""
+        ahead = {regime: self._ahead(regime, coefficients[regime]) for regime in self.expected}
+        scratch = np.empty_like(out[0])
+        out[:] = np.inf
+        for cell, arrivals in enumerate(self.arrivals):
+            for (regime, landing, goal), cost in arrivals.items():
+                arrived = ahead[regime][landing]
+                if goal is not None:
+                    arrived = arrived + self._gained(regime, goal, coefficients[regime][landing])
+                np.add(arrived, cost, out=scratch)
+                np.minimum(out[cell], scratch, out=out[cell])
+            out[cell] += self.costs
+
+    def _ahead(self, regime: int, coefficients: RealArray) -> RealArray:
+        """Discounted E[V'] on arrival in each cell, nothing completed, (q, 3, 8, m)."""
+        table = coefficients.reshape(-1, coefficients.shape[-1]) @ self.expected[regime]
+        out = table.reshape(*coefficients.shape[:3], -1)
+        out += self.price[int(regime == Regime.AGILE_FLIGHT)]
+        return out
+
+    def _gained(self, regime: int, goal: int, coefficients: RealArray) -> RealArray:
+        """What the chance to complete a goal adds to the discounted E[V'], (3, 8, m)."""
+        part = coefficients.take(self.of_goal[goal], axis=-1)
+        gain = part.reshape(-1, part.shape[-1]) @ self.gains[regime, goal]
+        return self.completion * gain.reshape(*part.shape[:2], -1)
+
+    def _gain(self, basis: Basis, x: IntArray, regime: int, goal: int) -> RealArray:
+        """What the features that look at a goal gain where it is completed, (P_j, m)."""
+        completed = basis.expected(x, [(regime, goal)], np.float32)[0]
+        members = self.of_goal[goal]
+        return completed[members] - self.expected[regime][members]
+
+    def _arrivals(self, cell: int, x: IntArray) -> dict[tuple[int, int, int | None], RealArray]:
+        """Least cost (8, m) of the actions by regime, landing and the goal they may complete."""
+        reduced, costs = self.reduced, self.reduced.action_costs(cell, x)
+        arrivals: dict[tuple[int, int, int | None], list[int]] = {}
+        for action in range(len(costs)):
+            goal = int(reduced.slots[action]) if reduced.completes[action, cell] else None
+            arrival = int(reduced.regimes[action, cell]), int(reduced.landings[action, cell])
+            arrivals.setdefault((*arrival, goal), []).append(action)
         return {
             arrival: costs[actions].min(axis=0).astype(np.float32)
             for arrival, actions in arrivals.items()
         }
 
-    def _gains(self, goal: int) -> dict[int, FloatArray]:
-        """What the features that look at a goal gain where it is completed, (P_j, M) by way."""
-        basis = Basis(self.factors, self.basis.clusters.of(goal))
-        members = self.basis.of_goal[goal]
-        gains = {}
-        for way, _ in self.arrivals[self.factors.q + goal]:
-            achieved = basis.expected(self.x, [way], goal, np.float32)[0, 1:]
-            gains[way] = achieved - self.expected[way][members]
-        return gains
 
-    def _landings(self) -> dict[int, list[int]]:
-        """Places where arrivals by each way are, with the cells of those from a goal's site."""
-        landings: dict[int, set[int]] = {}
-        for place, arrivals in enumerate(self.arrivals):
-            for way, landing in arrivals:
-                landings.setdefault(way, set()).add(landing)
-                if place >= self.factors.q and self.able:
-                    landings[way].add(int(self.factors.cells[landing]))
-        return {way: sorted(places) for way, places in landings.items()}
+def _completions(reduced: ReducedMission) -> set[tuple[int, int]]:
+    """Regimes in which goals may be completed."""
+    actions, cells = np.nonzero(reduced.completes)
+    slots: IndexArray = reduced.slots[actions]
+    return set(zip(reduced.regimes[actions, cells].tolist(), slots.tolist()))

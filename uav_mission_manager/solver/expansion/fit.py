@@ -1,14 +1,14 @@
 """Goal expansion: V as a sum of tables of a few goals each, fitted to its own Bellman backup.
 
 V(s) = p(t, m) - [c > 0] eta_c g_c r_c + W(y, x), as in `uav_mission_manager.solver.reduced`, with
-y = (place, t, f) and x = (x_1, .., x_k), is approximated by
+y = (l, t, f) and x = (x_1, .., x_k), is approximated by
 
     W(y, x) = sum over features of theta(y) phi(x),
 
-phi the products of `uav_mission_manager.solver.expansion.basis`. Fitted value iteration (Gordon 1995)
-backs up W in a set of design points x and all y, exactly, and fits theta to the result by
-weighted least squares; with the design fixed, a sweep is matrix products. Nothing in it grows
-with 2^k 3^k. Where every goal is in one fine cluster and the design holds all x, the fit is
+phi the products of `uav_mission_manager.solver.expansion.basis`. Fitted value iteration
+(Gordon 1995) backs up W in a set of design points x and all y, exactly, and fits theta to the
+result by weighted least squares; with the design fixed, a sweep is matrix products. Nothing in it
+grows with 2^k 3^k. Where every goal is in one fine cluster and the design holds all x, the fit is
 exact and so is V. The policy takes the action of least Q, one epoch ahead in W.
 
 A fitted backup need not contract, least of all in few points. A fit that runs away is tried again
@@ -18,17 +18,19 @@ the policy is judged by its certificate, not by the fit.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from uav_mission_manager.mdp.arrays import IntArray, RealArray
 from uav_mission_manager.mdp.mission import Mission
-from uav_mission_manager.solver.axes import FloatArray
 from uav_mission_manager.solver.expansion.basis import LIKELIHOOD, Basis, Clusters
 from uav_mission_manager.solver.expansion.design_backup import DesignBackup
-from uav_mission_manager.solver.factors import Factors, goal_order
+from uav_mission_manager.solver.progress import Progress, Report, ignore, share_of_decades
+from uav_mission_manager.solver.reduced import X_VALUES, ReducedMission, goal_order
+from uav_mission_manager.solver.span_bounds import SpanBounds
+from uav_mission_manager.solver.submdp import whole_mission
+from uav_mission_manager.solver.threads import single_threaded_blas
 
 WHOLE = 1 << 13
 """Design points up to which the design is all x."""
@@ -60,8 +62,8 @@ class Expansion:
     ----------
     mission : Mission
     clusters : Clusters
-    theta : float32 array (places, 3, 8, P)
-        Coefficients over place, t, f and feature.
+    theta : float32 array (q, 3, 8, P)
+        Coefficients over cell, t, f and feature.
     points : int
         Design points.
     iterations : int
@@ -74,7 +76,7 @@ class Expansion:
 
     mission: Mission
     clusters: Clusters
-    theta: FloatArray
+    theta: RealArray
     points: int
     iterations: int
     spread: float
@@ -86,7 +88,7 @@ def fit_expansion(
     clusters: Clusters,
     tolerance: float | None = None,
     max_iterations: int = 1000,
-    on_sweep: Callable[[int, float], None] | None = None,
+    progress: Progress = ignore,
 ) -> Expansion:
     """Fit an expansion.
 
@@ -98,8 +100,8 @@ def fit_expansion(
         Spread of the last change to stop at, relative to the largest W; see `FIT_TOLERANCE`.
     max_iterations : int
         Sweeps after which to give up.
-    on_sweep : callable, optional
-        Called after each sweep with its number and the relative spread.
+    progress : Progress
+        Told after each sweep how far the fit has come.
 
     Returns
     -------
@@ -111,14 +113,15 @@ def fit_expansion(
     ValueError
         If not even those settle.
     """
-    complete = 6**mission.k <= WHOLE
+    complete = X_VALUES**mission.k <= WHOLE
     if tolerance is None:
         tolerance = FIT_TOLERANCE[complete]
-    factors, found = Factors(mission), None
+    reduced, found = ReducedMission(whole_mission(mission)), None
     for part in dict.fromkeys((clusters.within(FIRST), clusters)):
         for points in POINTS:
             x = design(mission, _points(mission, part, points))
-            fitted = _fit(factors, part, x, found, tolerance, max_iterations, on_sweep)
+            with single_threaded_blas():
+                fitted = _fit(reduced, part, x, found, tolerance, max_iterations, progress)
             if fitted is not None or complete:
                 break
         if fitted is None:
@@ -130,61 +133,59 @@ def fit_expansion(
 
 
 def _points(mission: Mission, clusters: Clusters, points: int) -> int:
-    share = 6**mission.k // SHARE
+    share = X_VALUES**mission.k // SHARE
     least = share if share <= POINTS[-1] * clusters.features else LEAST
     return max(points * clusters.features, least)
 
 
 def _fit(
-    factors: Factors,
+    reduced: ReducedMission,
     clusters: Clusters,
-    x: NDArray[np.int64],
+    x: IntArray,
     start: Expansion | None,
     tolerance: float,
     max_iterations: int,
-    on_sweep: Callable[[int, float], None] | None,
+    progress: Progress,
 ) -> Expansion | None:
     """Fit in the design points x, from another expansion; None where that runs away."""
-    discount = factors.mission.discount
-    basis, gain = Basis(factors, clusters), discount / (1 - discount)
-    theta: FloatArray = np.zeros((factors.places, 3, 8, basis.size), np.float32)
+    mission, basis = reduced.sub.mission, Basis(reduced, clusters)
+    theta: RealArray = np.zeros((reduced.q, 3, 8, basis.size), np.float32)
     iterations = 0
     if start is not None:
-        theta = basis.embed(start.theta, Basis(factors, start.clusters))
+        theta = basis.embed(start.theta, Basis(reduced, start.clusters))
         iterations = start.iterations
     backup, fit = DesignBackup(basis, x), LeastSquares(basis, x)
-    present: FloatArray = theta @ fit.now
+    present: RealArray = theta @ fit.now
     last, first = iterations + max_iterations, 0.0
     while True:
         values = backup(theta)
         change = values - present
-        low, high = float(change.min()), float(change.max())
-        relative = (high - low) / max(float(np.abs(values).max()), TINY)
+        bounds = SpanBounds(float(change.min()), float(change.max()), mission.discount)
+        relative = bounds.span / max(float(np.abs(values).max()), TINY)
         iterations += 1
-        if on_sweep is not None:
-            on_sweep(iterations, relative)
-        first = first or high - low
-        if not relative <= tolerance and not high - low <= RUNAWAY * first:
+        first = first or relative
+        converged = relative <= tolerance
+        done = share_of_decades(first, relative, tolerance)
+        text = f'{basis.size} features, sweep {iterations}, change {relative:.1e}'
+        progress(Report(iterations, done, text))
+        if not converged and not relative <= RUNAWAY * first:
             return None
-        shift = np.float32(gain * (high + low) / 2)
+        shift = np.float32(bounds.middle)
         theta = fit(values)
         theta[..., 0] += shift
         present = values + shift
-        if relative <= tolerance or iterations == last:
-            converged = relative <= tolerance
-            return Expansion(
-                factors.mission, clusters, theta, len(x), iterations, high - low, converged
-            )
+        if converged or iterations == last:
+            return Expansion(mission, clusters, theta, len(x), iterations, bounds.span, converged)
 
 
-def design(mission: Mission, points: int) -> NDArray[np.int64]:
+def design(mission: Mission, points: int) -> IntArray:
     """Design points x (M, k): all where they are few, else drawn by their likelihood.
 
     Goals are drawn for in an order of their own, so that relabelling them changes nothing.
     """
     k = mission.k
-    if 6**k <= WHOLE:
-        return np.indices((6,) * k).reshape(k, -1).T
+    if X_VALUES**k <= WHOLE:
+        return np.indices((X_VALUES,) * k).reshape(k, -1).T
     rng = np.random.default_rng(points)
     drawn = rng.choice(6, (2 * points, k), p=LIKELIHOOD)
     chosen = rng.permutation(np.unique(drawn, axis=0))[:points]
@@ -207,9 +208,9 @@ class LeastSquares:
         The features in the design points.
     """
 
-    def __init__(self, basis: Basis, x: NDArray[np.int64]) -> None:
+    def __init__(self, basis: Basis, x: IntArray) -> None:
         self.now = basis.now(x, np.float32)
-        complete = len(x) == 6 ** x.shape[1]
+        complete = len(x) == X_VALUES ** x.shape[1]
         weights = LIKELIHOOD[x].prod(axis=1) if complete else np.full(len(x), 1 / len(x))
         self.weighted = (self.now * weights.astype(np.float32)).T
         # In single precision the sum over the points is not good enough.
@@ -219,7 +220,7 @@ class LeastSquares:
         gram[np.diag_indices_from(gram)] += 1e-9
         self.inverse = np.linalg.inv(gram).astype(np.float32)
 
-    def __call__(self, values: FloatArray) -> FloatArray:
+    def __call__(self, values: RealArray) -> RealArray:
         """Coefficients (..., P) for values (..., M)."""
         flat = values.reshape(-1, values.shape[-1])
         return ((flat @ self.weighted) @ self.inverse).reshape(*values.shape[:-1], -1)
