@@ -12,6 +12,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from uav_mission_manager.paths import share_directory
+from uav_mission_manager.policy import DEFAULT_METHOD, METHODS
 
 PACKAGE = 'uav_mission_manager'
 SHARE = share_directory()
@@ -19,7 +20,7 @@ ARGUMENTS = {
     'namespace': ('uav1', 'namespace of the vehicle'),
     'mission': (f'{SHARE}/config/case_study.yaml', 'mission file'),
     'params': (f'{SHARE}/config/nodes.yaml', 'node parameters; the arguments here come first'),
-    'method': ('expansion', 'exact, expansion, split, highest_priority or best_value'),
+    'method': (DEFAULT_METHOD, f'how the policy is made: {", ".join(METHODS)}'),
 }
 
 

@@ -11,12 +11,26 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from uav_mission_manager.autopilot.telemetry import Telemetry
 
 SET_DELAY = 1.0
+"""Time [s] that a fault must be seen before it is set."""
+
 CLEAR_DELAY = 5.0
+"""Time [s] of health after which a sensor or camera fault is cleared."""
+
 FILTER_TIME = 2.0
+"""Time constant [s] of the low-pass filter of a motor's effectiveness."""
+
 CAMERA_TIMEOUT = 3.0
-MIN_HEIGHT = 2.0  # below, ground effect and touch-down unbalance the motors
+"""Time [s] without the camera's heartbeat after which it has failed."""
+
+MIN_HEIGHT = 2.0
+"""Height above home [m] below which ground effect and touch-down unbalance the motors."""
+
 IDLE_PWM = 1100.0
+"""PWM [us] below which the motors idle and say nothing of their thrust."""
+
 ZERO_THRUST_PWM = 1000.0
+"""PWM [us] of a motor at rest."""
+
 FIX_3D = mavlink.GPS_FIX_TYPE_3D_FIX
 
 SENSORS = (
@@ -45,7 +59,7 @@ class Fault(IntFlag):
 
 
 class FaultEstimator:
-    """Debounced faults; an actuator fault stays until `serviced`.
+    """Faults that have lasted; an actuator fault stays until `serviced`.
 
     A fault is set after 1 s; sensor and camera faults are cleared after 5 s of health. The
     effectiveness of a motor is (median PWM - 1000) / (its PWM - 1000), low-pass filtered over
@@ -98,13 +112,13 @@ class FaultEstimator:
         self.effectiveness = ()
 
     def link_lost(self) -> None:
-        """Judge nothing until telemetry suffices anew; the autopilot may have rebooted."""
+        """Start anew, without forgetting faults: the autopilot may have rebooted."""
         self._located = False
         self._since.clear()
         self.effectiveness = ()
 
     def _debounce(self, fault: Fault, seen: bool, now: float) -> None:
-        """Take over what is seen once it has lasted."""
+        """Set or clear a fault once the change has lasted."""
         if seen == bool(self._faults & fault) or (fault is Fault.ACTUATOR and not seen):
             self._since.pop(fault, None)
         elif now - self._since.setdefault(fault, now) >= (SET_DELAY if seen else CLEAR_DELAY):

@@ -11,12 +11,25 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 HEARTBEAT_INTERVAL = 1.0
+"""Time [s] between this program's own heartbeats, as MAVLink asks for."""
+
 ACK_TIMEOUT = 1.0
+"""Time [s] to wait for the answer to a command."""
+
 TRANSMISSIONS = 3
+"""How often an unanswered command is sent at most."""
+
 STREAM_TIMEOUT = 3.0
+"""Time [s] without a message after which it is asked for."""
+
 STREAM_REFUSED_RETRY = 30.0
+"""Extra time [s] to wait before a refused message is asked for again."""
+
 UDP_PEER_TIMEOUT = 10.0
+"""Time [s] after which a silent UDP peer is forgotten."""
+
 MAX_READS = 200
+"""Reads from the port in one `poll`, so that it ends however much arrives."""
 
 STREAMS = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
@@ -26,7 +39,7 @@ STREAMS = {
     mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 2.0,
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 2.0,
 }
-"""Message ids the bridge lives on and their rates [Hz]."""
+"""Ids of the messages that the bridge needs, and their rates [Hz]."""
 
 
 @dataclass(frozen=True)
@@ -135,9 +148,9 @@ class Link:
         return messages
 
     def repeat(self, now: float) -> None:
-        """Repeat unanswered commands and ask for missing streams, often too.
+        """Repeat unanswered commands and ask for missing streams; call it often.
 
-        Call it when the messages have been judged: they may be a reason to `cancel`.
+        Call it after the messages of `poll` have been handled: they may lead to `cancel`.
         """
         if self.up:
             self._repeat_commands(now)
@@ -150,7 +163,7 @@ class Link:
             self._transmit(command, 0)
 
     def cancel(self) -> None:
-        """Repeat no command any more."""
+        """Stop repeating commands; streams are asked for as before."""
         streams = self._pending.get(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL)
         self._pending = {streams.command.number: streams} if streams else {}
 
@@ -180,7 +193,7 @@ class Link:
         return messages
 
     def _accept(self, message: Any, now: float) -> bool:
-        """Take note of a message; whether it is the autopilot's."""
+        """Take note of a message; return whether it is the autopilot's."""
         kind, component = message.get_type(), message.get_srcComponent()
         if kind == 'HEARTBEAT':
             self._find_autopilot(message)
@@ -206,7 +219,7 @@ class Link:
             self.target_component = heartbeat.get_srcComponent()
 
     def _watch(self, now: float) -> None:
-        """Set `up`; a lost link forgets what was under way."""
+        """Set `up`; when the link is lost, forget pending commands and streams."""
         heard = -math.inf if self.target_component is None else self._heard[self.target_component]
         up = now - heard <= self._timeout
         if up and not self.up:

@@ -1,11 +1,12 @@
 """The pilot on board: flies one mission command at a time, as long as nobody else is in command.
 
-In command are, in this order, the human pilot, the autopilot's failsafes, and the manager. A mode
-that was not ordered here is someone else's, as are motors stopped in GUIDED or in the air, and
-ends the commanding until `resume`; a vehicle flown by hand from the start is taken over when it
-is put into GUIDED.
-The pilot is pure: `update` takes a telemetry snapshot and the time, and returns what to ask of
-the vehicle. A request is repeated until telemetry shows that it was done.
+In command are, in this order, the human pilot, the autopilot's failsafes, and the manager.
+Someone else has taken command when the mode changes to one that was not ordered here, or when the
+motors stop in GUIDED or in the air; then nothing is asked of the vehicle until `resume`. A vehicle
+that is flown by hand from the start is taken over when it is put into GUIDED.
+
+The pilot is pure: `update` takes the telemetry and the time, and returns what to ask of the
+vehicle. A request is repeated until telemetry shows that it was done.
 """
 
 from __future__ import annotations
@@ -25,12 +26,30 @@ from uav_mission_manager.autopilot.vehicle import (
     mode_name,
 )
 
-REPEAT, REPEAT_FLY = 2.0, 5.0
-EFFECT_TIME = 5.0  # a request may still take effect so long after it was last made
-COMPLETED_REPEAT = 10.0
+REQUEST_PERIOD = 2.0
+"""Time [s] after which a request that telemetry does not show as done is repeated."""
+
+FLY_PERIOD = 5.0
+"""The same [s] for a flight to a point, which telemetry cannot confirm."""
+
+REQUEST_EFFECT_TIME = 5.0
+"""Time [s] after a request within which a change of mode or arming counts as its effect."""
+
+COMPLETION_PERIOD = 10.0
+"""Time [s] after which a goal that is still commanded is reported as completed again."""
+
 MIN_HOLD_HEIGHT = 3.0
-AIRBORNE_HEIGHT, SINKING = 5.0, 0.5
-AT_ALTITUDE = 0.9  # share of the flight altitude
+"""Height above home [m] below which no position is held."""
+
+AIRBORNE_HEIGHT = 5.0
+"""Height above home [m] from which stopped motors may mean a fall and not a landing."""
+
+LANDING_SINK_RATE = 0.5
+"""Descent [m/s] above which a vehicle whose motors stop is falling: a landing ends at rest."""
+
+ALTITUDE_SHARE = 0.9
+"""Share of the flight altitude from which the vehicle counts as up."""
+
 NO_HOLD = 'no position to hold; what happens is up to the autopilot and its failsafes'
 
 
@@ -76,7 +95,7 @@ class Pilot:
     def update(self, telemetry: Telemetry | None, now: float) -> Step:
         """Return what to do now; `telemetry` is None while the link is lost."""
         if telemetry is None:
-            # What is not seen is not taken over; the manager sees as little and may be silent.
+            # Nothing seen, nothing to take over; and the manager, without inputs, is silent.
             self._arrived, self._adopt = None, False
             self._await_manager(now)
             if not self._seen[1]:  # on the ground it may reboot, at a change of battery say
@@ -102,7 +121,7 @@ class Pilot:
     def _watch(self, telemetry: Telemetry, now: float) -> None:
         """Follow mode and arming, and yield to whoever else changed them."""
         if telemetry.armed and not self._seen[1]:
-            self._armed_here = now - self._arm_asked < EFFECT_TIME
+            self._armed_here = now - self._arm_asked < REQUEST_EFFECT_TIME
             if not self._armed_here:  # by hand: not ours until it is put into GUIDED
                 self._mode = self._ordered = None
         found_guided = self._mode is None and telemetry.armed and telemetry.mode == Mode.GUIDED
@@ -110,7 +129,7 @@ class Pilot:
             self._mode, self._ordered, self._adopt = telemetry.mode, None, False
         if found_guided:
             self._await_manager(now)
-        if now - self._ordered_at > EFFECT_TIME:
+        if now - self._ordered_at > REQUEST_EFFECT_TIME:
             self._ordered = None
         if not self._taken:
             self._taken = self._someone_else(telemetry)
@@ -134,7 +153,7 @@ class Pilot:
         return ''
 
     def _await_manager(self, now: float) -> None:
-        """Count silence from now on, and hold here until the manager is heard."""
+        """Count the manager's silence from now on, and hold here until it is heard."""
         self._awaited, self._hold_point = now, None
 
     # On the ground, disarmed
@@ -172,7 +191,7 @@ class Pilot:
         return distance <= self._settings.landed_radius
 
     def _service(self, task: Task, now: float) -> bool:
-        """Whether the repair has just been done; it goes on as long as it is asked for."""
+        """Whether a repair has just been done; while it is commanded, another one follows."""
         if not task.service:
             return False
         if self._arrived is None:
@@ -210,7 +229,7 @@ class Pilot:
             return self._order(Mode.GUIDED, Phase.EN_ROUTE, task.text, telemetry, now)
         if telemetry.on_ground:
             return self._take_off(task, telemetry, position, now)
-        high = position.height >= AT_ALTITUDE * settings.flight_altitude
+        high = position.height >= ALTITUDE_SHARE * settings.flight_altitude
         if self._climbing and not high:
             return Step(Phase.TAKE_OFF, task.text)
         self._climbing = False
@@ -241,14 +260,15 @@ class Pilot:
         return Step(phase, why)
 
     def _complete(self, task: Task, now: float) -> str:
-        """Name the goal once the dwell is over, and again after 10 s of the same command.
+        """Return the goal when the dwell is over, else ''.
 
-        The manager then missed it, or wants the goal anew.
+        If the command is still the same 10 s later, the manager missed the completion or wants
+        the goal anew, and it is returned again.
         """
         if self._arrived is None:
             self._arrived = now
         dwelt = now - self._arrived >= self._settings.goal_dwell
-        if not task.goal or not dwelt or now - self._completed_at < COMPLETED_REPEAT:
+        if not task.goal or not dwelt or now - self._completed_at < COMPLETION_PERIOD:
             return ''
         self._completed_at = now
         return task.goal
@@ -292,7 +312,7 @@ class Pilot:
     def _ask(self, request: Request, phase: Phase, why: str, now: float) -> Step:
         """Return a step with the request, if it is new or was made long enough ago."""
         last, at = self._sent.get(type(request), (None, -math.inf))
-        repeat = REPEAT_FLY if isinstance(request, Fly) else REPEAT
+        repeat = FLY_PERIOD if isinstance(request, Fly) else REQUEST_PERIOD
         if request == last and now - at < repeat:
             return Step(phase, why)
         self._sent[type(request)] = (request, now)
@@ -300,9 +320,9 @@ class Pilot:
 
 
 def _fallen(telemetry: Telemetry) -> str:
-    """Say so if its motors were stopped in the air: a landing ends at rest, be it on a hill."""
+    """Say so if the motors were stopped in the air, '' if the vehicle landed, be it on a hill."""
     position = telemetry.position
     if position is None or position.height < AIRBORNE_HEIGHT:
         return ''
-    landing = telemetry.mode in (Mode.LAND, Mode.RTL) and position.velocity[2] > -SINKING
+    landing = telemetry.mode in (Mode.LAND, Mode.RTL) and position.velocity[2] > -LANDING_SINK_RATE
     return '' if landing else f'disarmed {position.height:.0f} m above home'

@@ -10,15 +10,26 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 EARTH_RADIUS = 6371000.0
+"""Mean radius of the Earth [m]."""
+
 POSITION_TIMEOUT = 2.0
-MAX_VOLTAGE = 62.0  # 14 cells full; a reading of 0 V wraps to 64.9 V
+"""Age [s] above which a position is too old to fly by."""
+
+MAX_VOLTAGE = 62.0
+"""Highest voltage [V] believed: above 14 full cells, below the 64.9 V sent in place of 0 V."""
+
 ON_GROUND_HEIGHT = 0.5
+"""Height above home [m] below which the vehicle is on the ground, where nothing else says so."""
+
 STALE = 5.0
-MOTORS = {  # where they are the first outputs
+"""Age [s] above which a value that is sent again and again is forgotten."""
+
+MOTORS = {
     mavlink.MAV_TYPE_QUADROTOR: 4,
     mavlink.MAV_TYPE_HEXAROTOR: 6,
     mavlink.MAV_TYPE_OCTOROTOR: 8,
 }
+"""Number of motors by type of vehicle, where the motors are the first outputs."""
 
 
 @dataclass(frozen=True)

@@ -26,14 +26,14 @@ from uav_mission_manager.paths import share_directory
 from uav_mission_manager.policy import Decision, load_policy
 
 Change = Callable[[Situation, Any, float], Situation]
-"""How a message, received now [s], changes the situation; raises `InputError`."""
+"""How a message received at a time [s] changes the situation; raises `InputError`."""
 
 PARAMETERS = (
     Parameter('policy', '', 'Directory of the policy set; empty is the shipped case study'),
     Parameter(
         'input_timeout',
         3.0,
-        'Age of battery, odom or fault mode above which the manager falls silent [s]',
+        'Age of battery, odom or fault mode above which no command is published [s]',
         0.1,
         60.0,
     ),
@@ -92,7 +92,7 @@ class Manager(Node):
             topic: str,
             kind: Any,
             profile: QoSProfile,
-            callback: Callable[[Any], object],
+            callback: Callable[[Any], None],
         ) -> None:
             self.create_subscription(
                 kind, topic, callback, profile, qos_overriding_options=qos.OVERRIDABLE
@@ -112,7 +112,7 @@ class Manager(Node):
         state('threat_level', String, qos.STATE_IN, lambda s, m, now: s.with_threat(m.data, now))
         state('goal_priorities', UInt8MultiArray, qos.STATE_IN, _with_priorities)
         state('goal_completed', String, qos.EVENT, lambda s, m, now: s.with_completed(m.data))
-        heard('policy_set', String, qos.LATCHED, lambda m: self._take_over(m.data))
+        heard('policy_set', String, qos.LATCHED, self._on_policy_set)
         self.create_service(Trigger, '~/reload_policy', self._on_reload)
         self.create_service(Trigger, '~/reset_goals', self._on_reset)
 
@@ -231,6 +231,9 @@ class Manager(Node):
         self.get_logger().info(f'policy taken over: {self._label}')
         self._step(repeat=True)
         return ''
+
+    def _on_policy_set(self, message: String) -> None:
+        self._take_over(message.data)
 
     def _on_reload(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         refused = self._take_over(self._path)

@@ -9,6 +9,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rclpy.node import Node
 from sensor_msgs.msg import BatteryState, NavSatFix
 from std_msgs.msg import Header, String
@@ -37,44 +38,63 @@ from uav_mission_manager.onboard import parse_command
 from uav_mission_manager.paths import share_directory
 
 POLL_PERIOD = 0.05
+"""Time [s] between two looks at the link, and two steps of the pilot."""
+
 FAULT_PERIOD = 0.5
-CAMERA = 100  # MAV_COMP_ID_CAMERA
-STATUSTEXT_WARNING = 4
+"""Time [s] after which an unchanged fault mode is published again."""
+
+CAMERA = mavlink.MAV_COMP_ID_CAMERA
+"""MAVLink component whose heartbeat says that the camera works."""
+
+WARNING_PHASES = (Phase.NO_LINK, Phase.PILOT, Phase.HOLDING, Phase.RETURNING)
+"""Phases in which the manager's commands are not flown."""
+
 FLIGHT = Settings()
+"""Defaults of the flight parameters."""
+
+
+def _flight(name: str, description: str, minimum: float, maximum: float) -> Parameter:
+    return Parameter(name, getattr(FLIGHT, name), description, minimum, maximum)
+
 
 PARAMETERS = (
     Parameter('mission', '', 'Mission file; empty is the shipped case study'),
     Parameter('connection', 'udpin:127.0.0.1:14550', 'pymavlink connection string'),
-    Parameter('source_system', 1, 'Own MAVLink system id', 1, 255),
-    Parameter('source_component', 191, 'Own MAVLink component id', 1, 255),
-    Parameter('target_system', 1, 'System id of the vehicle; 0 is the first one heard', 0, 255),
-    Parameter('link_timeout', 3.0, 'The link is lost without HEARTBEAT for [s]', 0.5, 60.0),
-    Parameter('effectiveness_threshold', 0.85, 'A weaker motor has failed', 0.0, 1.0),
-    Parameter('flight_altitude', FLIGHT.flight_altitude, 'Height above home [m]', 2.0, 500.0),
-    Parameter('cruise_speed', FLIGHT.cruise_speed, 'Speed in normal mode [m/s]', 0.1, 50.0),
-    Parameter('agile_speed', FLIGHT.agile_speed, 'Speed in agile mode [m/s]', 0.1, 50.0),
-    Parameter('acceptance_radius', FLIGHT.acceptance_radius, 'On site within [m]', 0.1, 1000.0),
-    Parameter('goal_dwell', FLIGHT.goal_dwell, 'A goal is completed after [s]', 0.0, 3600.0),
-    Parameter('service_time', FLIGHT.service_time, 'A repair takes [s]', 0.0, 3600.0),
+    Parameter('source_system', 1, 'MAVLink system id of the bridge', 1, 255),
+    Parameter('source_component', 191, 'MAVLink component id of the bridge', 1, 255),
     Parameter(
-        'manager_timeout',
-        FLIGHT.manager_timeout,
-        'Hold without mission command for [s]',
-        1.5,
-        600.0,
+        'target_system', 1, 'MAVLink system id of the vehicle; 0 is the first one heard', 0, 255
     ),
     Parameter(
-        'rtl_delay', FLIGHT.rtl_delay, 'Return to launch after holding so for [s]', 0.0, 3600.0
+        'link_timeout', 3.0, 'Time without a heartbeat after which the link is lost [s]', 0.5, 60.0
     ),
-    Parameter('allow_arming', FLIGHT.allow_arming, 'Whether to arm and take off'),
+    Parameter(
+        'effectiveness_threshold',
+        0.85,
+        'Effectiveness below which a motor has failed: its thrust, compared with that of the '
+        'others at the same PWM (fraction)',
+        0.0,
+        1.0,
+    ),
+    _flight('flight_altitude', 'Flight height above home [m]', 2.0, 500.0),
+    _flight('cruise_speed', 'Speed in normal mode [m/s]', 0.1, 50.0),
+    _flight('agile_speed', 'Speed in agile mode [m/s]', 0.1, 50.0),
+    _flight('acceptance_radius', 'Largest distance from a destination on site [m]', 0.1, 1000.0),
+    _flight('goal_dwell', 'Time on site until a goal is completed [s]', 0.0, 3600.0),
+    _flight('service_time', 'Time landed in the service cell until a repair [s]', 0.0, 3600.0),
+    _flight('manager_timeout', 'Time without mission command until it holds [s]', 1.5, 600.0),
+    _flight('rtl_delay', 'Time of holding until it returns to launch [s]', 0.0, 3600.0),
+    Parameter(
+        'allow_arming', FLIGHT.allow_arming, 'Whether the bridge may arm the vehicle and take off'
+    ),
 )
 
 
 class MavlinkBridge(Node):
     """Publishes what the vehicle says and flies what the manager commands.
 
-    Where to fly follows from the command and the mission file alone. The manager says where that
-    is in `command_pose`: if it means another cell its mission is another, and is not flown.
+    The destination of a command comes from the bridge's own mission file. A `command_pose` in
+    another cell says that the manager has another mission; its commands are then refused.
     """
 
     def __init__(self) -> None:
@@ -123,12 +143,13 @@ class MavlinkBridge(Node):
         self._fault_mode = publisher(String, 'fault_mode', qos.STATE_IN)
         self._goal_completed = publisher(String, 'goal_completed', qos.EVENT)
         self._diagnostics = publisher(DiagnosticArray, '/diagnostics', qos.RELIABLE)
-        # The manager's pose comes before its command, and of two that are here the first
-        # subscription is served first.
-        for kind, topic, callback in (
+        # The manager publishes the pose before the command. Where both have arrived, the
+        # subscription made first is served first.
+        inputs: tuple[tuple[Any, str, Any], ...] = (
             (PoseStamped, 'command_pose', self._on_pose),
             (String, 'mission_command', self._on_command),
-        ):
+        )
+        for kind, topic, callback in inputs:
             self.create_subscription(
                 kind, topic, callback, qos.LATCHED, qos_overriding_options=qos.OVERRIDABLE
             )
@@ -149,7 +170,7 @@ class MavlinkBridge(Node):
 
     def _on_command(self, message: String, info: dict[str, int]) -> None:
         age = (info['received_timestamp'] - info['source_timestamp']) * 1e-9
-        if age > self._command_timeout:  # Latched by a manager that has fallen silent since.
+        if age > self._command_timeout:  # Latched by a manager that is silent by now.
             self._log(True, f'mission_command {message.data!r} ignored: {age:.1f} s old')
             return
         repeated, self._received = message.data == self._received, message.data
@@ -221,7 +242,9 @@ class MavlinkBridge(Node):
         for message in self._link.poll(now):
             self._telemetry = update(self._telemetry, message, now)
             if message.get_type() == 'STATUSTEXT':
-                self._log(message.severity <= STATUSTEXT_WARNING, f'autopilot: {message.text}')
+                self._log(
+                    message.severity <= mavlink.MAV_SEVERITY_WARNING, f'autopilot: {message.text}'
+                )
         self._telemetry = forget(self._telemetry, now)
         if not self._link.up:
             self._telemetry, self._fault = Telemetry(), None
@@ -233,7 +256,7 @@ class MavlinkBridge(Node):
 
     def _fly(self, now: float) -> None:
         step = self._pilot.update(self._telemetry if self._link.up else None, now)
-        if step.phase is not self._step.phase:  # What was asked for is over.
+        if step.phase is not self._step.phase:  # What was asked for is no longer wanted.
             self._link.cancel()
         for request in step.requests:
             for command in commands(request):
@@ -305,9 +328,6 @@ class MavlinkBridge(Node):
         report.hardware_id = f'MAVLink system {self._link.target_system}'
         header = Header(stamp=self.get_clock().now().to_msg())
         self._diagnostics.publish(DiagnosticArray(header=header, status=[report]))
-
-
-WARNING_PHASES = (Phase.NO_LINK, Phase.PILOT, Phase.HOLDING, Phase.RETURNING)
 
 
 def _origin(mission: Mission, path: Any) -> Origin:

@@ -15,7 +15,7 @@ from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.parameters import Parameter, declare
 from uav_mission_manager.nodes.runtime import run
 from uav_mission_manager.paths import share_directory
-from uav_mission_manager.policy import DEFAULT
+from uav_mission_manager.policy import DEFAULT_METHOD, METHODS
 
 PARAMETERS = (
     Parameter(
@@ -25,10 +25,7 @@ PARAMETERS = (
         read_only=False,
     ),
     Parameter(
-        'method',
-        DEFAULT,
-        'exact, expansion, split, highest_priority or best_value',
-        read_only=False,
+        'method', DEFAULT_METHOD, f'How the policy is made: {", ".join(METHODS)}', read_only=False
     ),
     Parameter(
         'out',
@@ -72,7 +69,10 @@ class Solver(Node):
         path.parent.mkdir(parents=True, exist_ok=True)
         policy.save(path)
         seconds = (self.get_clock().now() - start).nanoseconds * 1e-9
-        return path, f'{path}: {mission.name}, {method}, {policy.digest[:12]}, {seconds:.1f} s'
+        return (
+            path,
+            f'{path}: {mission.name}, {policy.method}, {policy.digest[:12]}, {seconds:.1f} s',
+        )
 
 
 def _default_out(name: str) -> Path:

@@ -48,7 +48,8 @@ class Flight(Node):
     def __init__(self, mission: Mission, crew_connection: str, view: View) -> None:
         super().__init__('demo', namespace=NAMESPACE)
         self.mission, self.view = mission, view
-        self.command, self.state, self.fault = '', (), ''
+        self.command, self.fault = '', ''
+        self.state: tuple[int, ...] = ()
         self.cell, self.armed = -1, False
         self.position = (float('nan'), float('nan'), float('nan'))
         self.phase = ''
