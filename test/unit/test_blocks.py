@@ -63,8 +63,9 @@ def test_base_and_service_on_goals():
     assert_exact(solution, value_iteration(sub, 1e-9), 1e-3)
 
 
-@pytest.mark.parametrize(('goals', 'numbers', 'share'), [
-    ((), range(1, 11), 1.0), ((2,), (1, 4, 5, 8, 9, 10), 0.4)])
+@pytest.mark.parametrize(
+    ('goals', 'numbers', 'share'), [((), range(1, 11), 1.0), ((2,), (1, 4, 5, 8, 9, 10), 0.4)]
+)
 def test_any_sub_mdp(goals, numbers, share):
     sub = SubMdp(whole().mission, goals, tuple(numbers), share)
     solution = solve_blocks(sub, BLOCKS['overlapping'], 1e-6)
@@ -90,7 +91,9 @@ def cuts(draw, cells):
 
     blocks = [
         (region, [fault + 1 for fault in faults])
-        for region in classes(cells) for faults in classes(8)]
+        for region in classes(cells)
+        for faults in classes(8)
+    ]
     return blocks + draw(st.lists(st.sampled_from(blocks), max_size=1))
 
 
@@ -126,8 +129,11 @@ def test_a_round_is_a_whole_backup_of_any_mission(document, data):
 def test_the_memory_is_that_of_a_block(tmp_path):
     sub = whole()
     peaks = []
-    for blocks in (BLOCKS['whole'], BLOCKS['location x fault'], [
-            ((cell,), (mode,)) for cell in CELLS for mode in MODES]):
+    for blocks in (
+        BLOCKS['whole'],
+        BLOCKS['location x fault'],
+        [((cell,), (mode,)) for cell in CELLS for mode in MODES],
+    ):
         tracemalloc.start()
         solution = solve_blocks(sub, blocks, max_rounds=2, directory=tmp_path)
         peaks.append(tracemalloc.get_traced_memory()[1])
@@ -143,19 +149,23 @@ def test_an_unreachable_tolerance_ends_where_rounding_does():
     assert 0 < solution.upper < 1e-8
 
 
-@pytest.mark.parametrize('settings', [
-    {'tolerance': 0}, {'tolerance': math.nan}, {'max_rounds': 0}])
+@pytest.mark.parametrize(
+    'settings', [{'tolerance': 0}, {'tolerance': math.nan}, {'max_rounds': 0}]
+)
 def test_senseless_settings(settings):
     with pytest.raises(ValueError, match='must be above 0'):
         solve_blocks(whole(1), BLOCKS['whole'], **settings)
 
 
-@pytest.mark.parametrize(('blocks', 'message'), [
-    ([], 'none holds cell 0 in fault mode 1'),
-    ([(CELLS, range(1, 6)), (range(3), MODES)], 'none holds cell 3 in fault mode 6'),
-    ([(range(9), MODES)], 'cell 8 in fault mode 1 does not exist'),
-    ([(CELLS, range(8))], 'cell 0 in fault mode 0 does not exist'),
-])
+@pytest.mark.parametrize(
+    ('blocks', 'message'),
+    [
+        ([], 'none holds cell 0 in fault mode 1'),
+        ([(CELLS, range(1, 6)), (range(3), MODES)], 'none holds cell 3 in fault mode 6'),
+        ([(range(9), MODES)], 'cell 8 in fault mode 1 does not exist'),
+        ([(CELLS, range(8))], 'cell 0 in fault mode 0 does not exist'),
+    ],
+)
 def test_blocks_that_do_not_fit_the_mission(blocks, message):
     with pytest.raises(ValueError, match=message):
         solve_blocks(whole(1), blocks)

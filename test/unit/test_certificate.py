@@ -13,15 +13,15 @@ from strategies import case_study, missions, pick_states
 from uav_mission_manager import build_policy, load_policy
 from uav_mission_manager.mdp import mission_from_dict
 from uav_mission_manager.policy import certify
-from uav_mission_manager.solver.submdp import whole_mission
 from uav_mission_manager.solver.evaluation.policy_evaluation import evaluate, tabulate
+from uav_mission_manager.solver.submdp import whole_mission
 
 
 def exact_costs(policy, states):
     """V* and V^pi of states, and how far the first may be off."""
     exact, whole = build_policy(policy.mission, 'exact'), whole_mission(policy.mission)
     cost = evaluate(whole, tabulate(whole, policy.act)).state_values(states)
-    return exact.q_values(states).min(axis=1), cost, exact.solutions[0].upper
+    return exact.q_values(states).min(axis=1), cost, exact.solution.upper
 
 
 @pytest.fixture(scope='module')
@@ -45,8 +45,9 @@ def test_bounds_of_the_case_study_hold_everywhere(expansion):
 
 
 @settings(max_examples=12, deadline=None)
-@given(missions([(1, 2), (2, 2)], [1, 2]),
-       st.sampled_from(['expansion', 'split', 'highest_priority']))
+@given(
+    missions([(1, 2), (2, 2)], [1, 2]), st.sampled_from(['expansion', 'split', 'highest_priority'])
+)
 def test_bounds_of_any_mission(document, method):
     mission = mission_from_dict(document, 'test')
     policy = build_policy(mission, method, order=1, certificate=True)
@@ -59,7 +60,7 @@ def test_bounds_of_any_mission(document, method):
 
 
 def test_simulated_bounds_hold_in_as_many_states_as_they_say(expansion, monkeypatch):
-    monkeypatch.setattr(certify, 'EVALUATED', 0)
+    monkeypatch.setattr(certify, 'EVALUATED_ENTRIES', 0)
     policy = build_policy(expansion.mission, 'expansion', order=2)
     certificate = policy.certificate
     assert 0.9 < certificate.coverage < 1
@@ -71,8 +72,9 @@ def test_simulated_bounds_hold_in_as_many_states_as_they_say(expansion, monkeypa
 
 
 def test_a_policy_that_looks_at_commitments_everywhere_is_simulated():
-    policy = build_policy(mission_from_dict(case_study(1, 2), 'test'), 'best_value',
-                          certificate=True)
+    policy = build_policy(
+        mission_from_dict(case_study(1, 2), 'test'), 'best_value', certificate=True
+    )
     assert policy.certificate.coverage < 1
     states = pick_states(policy.space, 500)
     assert (policy.lower_bound(states) < policy.upper_bound(states)).all()
@@ -80,8 +82,10 @@ def test_a_policy_that_looks_at_commitments_everywhere_is_simulated():
 
 def test_nothing_is_certified_unasked():
     mission = mission_from_dict(case_study(1, 2), 'test')
-    for policy in (build_policy(mission, 'highest_priority'),
-                   build_policy(mission, order=1, certificate=False)):
+    for policy in (
+        build_policy(mission, 'highest_priority'),
+        build_policy(mission, order=1, certificate=False),
+    ):
         assert policy.certificate is None
         assert np.isinf(policy.upper_bound(policy.space.states([0]))).all()
         assert policy.upper_bound_holds == 'nowhere'
@@ -102,7 +106,8 @@ def test_certificates_travel_with_the_policy_set(expansion, tmp_path):
     states = pick_states(expansion.space, 500)
     for look in ('lower_bound', 'upper_bound'):
         np.testing.assert_array_equal(
-            getattr(loaded, look)(states), getattr(expansion, look)(states))
+            getattr(loaded, look)(states), getattr(expansion, look)(states)
+        )
     known = dataclasses.replace(loaded.certificate, bound=expansion.certificate.bound)
     assert known == expansion.certificate
     decision = loaded.decide(states[0].tolist())

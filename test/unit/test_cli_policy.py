@@ -25,8 +25,12 @@ def run(command, *arguments):
     path = os.pathsep.join(filter(None, [str(share_directory()), os.environ.get('PYTHONPATH')]))
     return subprocess.run(
         [sys.executable, '-m', f'uav_mission_manager.cli.{command}', *map(str, arguments)],
-        capture_output=True, text=True, check=False, timeout=120,
-        env=os.environ | {'PYTHONPATH': path, 'COLUMNS': '80'})
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        env=os.environ | {'PYTHONPATH': path, 'COLUMNS': '80'},
+    )
 
 
 def assert_one_line(result, command, says):
@@ -72,7 +76,18 @@ def test_build_says_what_it_did(tmp_path):
 
 def test_build_says_how_good_an_expansion_is(tmp_path):
     out = tmp_path / 'p'
-    result = run('policy_build', CASE_STUDY, '--order', '2', '--jobs', '2', '--out', out)
+    result = run(
+        'policy_build',
+        CASE_STUDY,
+        '--method',
+        'expansion',
+        '--order',
+        '2',
+        '--jobs',
+        '2',
+        '--out',
+        out,
+    )
     assert (result.returncode, result.stderr) == (0, '')
     gap = float(re.search(r'certified +on average within ([\d.]+)% ', result.stdout).group(1))
     assert 0 < gap < 5
@@ -91,7 +106,10 @@ def test_build_says_how_good_an_expansion_is(tmp_path):
 
 def test_build_without_a_certificate(tmp_path):
     mission, out = write(tmp_path / 'm.yaml', case_study(1, 2)), tmp_path / 'p'
-    for flags in (('--order', '1', '--no-certificate'), ('--method', 'highest_priority')):
+    for flags in (
+        ('--method', 'expansion', '--order', '1', '--no-certificate'),
+        ('--method', 'highest_priority'),
+    ):
         result = run('policy_build', mission, *flags, '--out', out)
         assert result.returncode == 0
         assert 'certified' not in result.stdout
@@ -100,12 +118,17 @@ def test_build_without_a_certificate(tmp_path):
         assert (answer['upper_bound'], answer['upper_bound_holds']) == (None, 'nowhere')
 
 
-@pytest.mark.parametrize(('flags', 'says'), [
-    (('--order', '0'), 'order 0'), (('--max-states', '10'), 'T_max = 10'),
-    (('--order', '1', '--jobs', '0'), 'jobs 0'),
-    (('--order', '1', '--resume'), "method 'expansion' leaves no checkpoint"),
-    (('--order', '1', '--scheduler', 'tcp://127.0.0.1:9'), 'tcp://127.0.0.1:9'),
-])
+@pytest.mark.parametrize(
+    ('flags', 'says'),
+    [
+        (('--order', '0'), 'order 0'),
+        (('--max-states', '10'), 'T_max = 10'),
+        (('--method', 'exact', '--max-states', '10'), 'T_max = 10'),
+        (('--jobs', '0'), 'jobs 0'),
+        (('--method', 'expansion', '--resume'), "method 'expansion' cannot be resumed"),
+        (('--method', 'expansion', '--scheduler', 'tcp://127.0.0.1:9'), 'tcp://127.0.0.1:9'),
+    ],
+)
 def test_build_with_options_that_cannot_be(tmp_path, flags, says):
     mission = write(tmp_path / 'm.yaml', case_study(1, 2))
     result = run('policy_build', mission, '--out', tmp_path / 'p', *flags)
@@ -126,8 +149,10 @@ def test_build_of_a_bad_mission_leaves_nothing(tmp_path):
     document = case_study()
     document['priority_transition'][0] = [0.9, 0.0, 0.0]
     mission = write(tmp_path / 'bad.yaml', document)
-    for file, says in ((mission, 'priority_transition: row [0.9, 0.0, 0.0] sums to 0.9'),
-                       (tmp_path / 'nowhere.yaml', 'nowhere.yaml: cannot be read')):
+    for file, says in (
+        (mission, 'priority_transition: row [0.9, 0.0, 0.0] sums to 0.9'),
+        (tmp_path / 'nowhere.yaml', 'nowhere.yaml: cannot be read'),
+    ):
         assert_one_line(run('policy_build', file, '--out', tmp_path / 'p'), 'policy_build', says)
     assert list(tmp_path.iterdir()) == [mission]
 
@@ -135,15 +160,20 @@ def test_build_of_a_bad_mission_leaves_nothing(tmp_path):
 def test_build_does_not_overwrite_what_is_no_policy_set(tmp_path):
     mission = write(tmp_path / 'm.yaml', case_study(1))
     assert_one_line(
-        run('policy_build', mission, '--out', tmp_path), 'policy_build', 'is no policy set')
+        run('policy_build', mission, '--out', tmp_path), 'policy_build', 'is no policy set'
+    )
     assert list(tmp_path.iterdir()) == [mission]
 
 
 def test_query_lists_every_action_and_marks_those_not_allowed():
     result = run('policy_query', SHIPPED, '--state', STATE)
     assert (result.returncode, result.stderr) == (0, '')
-    rows = re.findall(r'^\W*(\d+)\s+\W\s+((?:none|commit|recharge|repair)[ \w]*?)\s+\W\s+'
-                      r'([\d.]*)\s+\W\s+([ \w-]*?)\s*\W*$', result.stdout, re.MULTILINE)
+    rows = re.findall(
+        r'^\W*(\d+)\s+\W\s+((?:none|commit|recharge|repair)[ \w]*?)\s+\W\s+'
+        r'([\d.]*)\s+\W\s+([ \w-]*?)\s*\W*$',
+        result.stdout,
+        re.MULTILINE,
+    )
     assert [int(number) for number, *_ in rows] == list(range(1, 11))
     assert {int(number) for number, _, _, mark in rows if mark != 'not allowed'} == ALLOWED
     policy = load_policy(SHIPPED)
@@ -166,23 +196,29 @@ def test_query_json():
     assert [action['number'] for action in answer['actions']] == list(range(1, 11))
     assert {a['number'] for a in answer['actions'] if a['q'] is not None} == ALLOWED
     assert [math.inf if a['q'] is None else a['q'] for a in answer['actions']] == list(
-        decision.values)
+        decision.values
+    )
     assert answer['choice'] == decision.action.number
     assert (answer['margin'], answer['lower_bound']) == (decision.margin, decision.lower_bound)
 
 
-@pytest.mark.parametrize(('state', 'says'), [
-    ('1,1,0,1', 'a state has 11 variables'), ('', 'a state has 11 variables'),
-    ('9,1,0,1,0,2,1,1,0,2,1', 'f = 9 is outside 1..8'),
-    ('1,1,0,1,0,2,1,8,0,2,1', 'l = 8 is outside 0..7'),
-    ('1,1,0,1,0,2,1,1,0,2,x', "'1,1,0,1,0,2,1,1,0,2,x'"),
-    ('1,1,0,1,0,2,1,1,0,2,1.0', '--state'),
-    ('1,1,0,1,0,2,1,1,0,2,' + '9' * 30, 'states are integers'),
-])
+@pytest.mark.parametrize(
+    ('state', 'says'),
+    [
+        ('1,1,0,1', 'a state has 11 variables'),
+        ('', 'a state has 11 variables'),
+        ('9,1,0,1,0,2,1,1,0,2,1', 'f = 9 is outside 1..8'),
+        ('1,1,0,1,0,2,1,8,0,2,1', 'l = 8 is outside 0..7'),
+        ('1,1,0,1,0,2,1,1,0,2,x', "'1,1,0,1,0,2,1,1,0,2,x'"),
+        ('1,1,0,1,0,2,1,1,0,2,1.0', '--state'),
+        ('1,1,0,1,0,2,1,1,0,2,' + '9' * 30, 'states are integers'),
+    ],
+)
 def test_query_of_a_bad_state(state, says):
     assert_one_line(run('policy_query', SHIPPED, f'--state={state}'), 'policy_query', says)
 
 
 def test_query_of_a_broken_set(tmp_path):
     assert_one_line(
-        run('policy_query', tmp_path, '--state', STATE), 'policy_query', 'manifest.json')
+        run('policy_query', tmp_path, '--state', STATE), 'policy_query', 'manifest.json'
+    )

@@ -44,7 +44,8 @@ def assert_exact(document, numbers, tolerance=1e-7):
     costs, rows, row_of = matrices(model)
     everyone, action = np.arange(len(states)), numbers[evaluation.model.locate(states)] - 1
     expected = reference(
-        costs[everyone, action], rows, row_of[everyone, action], document['discount'])
+        costs[everyone, action], rows, row_of[everyone, action], document['discount']
+    )
     off = expected - evaluation.state_values(states)
     slack = 1e-10 * max(1.0, np.abs(expected).max())
     assert evaluation.lower - slack <= off.min()
@@ -115,10 +116,16 @@ def test_representatives_stand_where_their_entries_are(monkeypatch, goals):
     assert tabulate(sub, lambda states: states[:, 0]).shape == model.shape
 
 
-@pytest.mark.parametrize(('action', 'state'), [
-    (2, [3, 0, 1, 5, 0, 2, 0]), (0, [1, 1, 1, 0, 0, 0, 0]), (9, [1, 1, 1, 0, 0, 0, 0]),
-    (257, [1, 1, 1, 0, 0, 0, 0]), (5, [1, 1, 1, 5, 1, 0, 0]),
-])
+@pytest.mark.parametrize(
+    ('action', 'state'),
+    [
+        (2, [3, 0, 1, 5, 0, 2, 0]),
+        (0, [1, 1, 1, 0, 0, 0, 0]),
+        (9, [1, 1, 1, 0, 0, 0, 0]),
+        (257, [1, 1, 1, 0, 0, 0, 0]),
+        (5, [1, 1, 1, 5, 1, 0, 0]),
+    ],
+)
 def test_actions_that_are_not_allowed(action, state):
     sub = whole(case_study(1))
     numbers = np.ones(AxisModel(sub).shape, int)

@@ -39,10 +39,15 @@ def backups(sub, count, dtype=np.float64, threads=1):
 
 @pytest.mark.parametrize('dtype', [np.float32, np.float64])
 @pytest.mark.parametrize('block', [1 << 7, 1 << 10, 1 << 13])
-@pytest.mark.parametrize('document', [
-    case_study(1, 2), case_study(feasibility='paper'),
-    case_study(2, 3, grid={'rows': 1, 'cols': 8, 'base': 6, 'service': 3}),
-], ids=['two goals', 'seed rules', 'base and service on goals'])
+@pytest.mark.parametrize(
+    'document',
+    [
+        case_study(1, 2),
+        case_study(feasibility='paper'),
+        case_study(2, 3, grid={'rows': 1, 'cols': 8, 'base': 6, 'service': 3}),
+    ],
+    ids=['two goals', 'seed rules', 'base and service on goals'],
+)
 def test_blocks_and_threads_change_no_bit(monkeypatch, document, block, dtype):
     sub = whole(document)
     reference, changes = backups(sub, 4, dtype)
@@ -71,8 +76,7 @@ def test_greedy_actions_and_one_state_backups_of_any_mission(document):
     sums = LookAhead(model, solution.value)
     sums.table = None
     some = pick_states(space, 60)
-    np.testing.assert_allclose(
-        sums.q_values(some), q[space.index(some)], rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(sums.q_values(some), q[space.index(some)], rtol=1e-10, atol=1e-10)
 
 
 @settings(max_examples=5, deadline=None)
@@ -111,7 +115,8 @@ def test_precisions_agree_within_their_bounds():
     sub = whole(case_study())
     double, mixed, single = (
         value_iteration(sub, 1e-8, precision=precision)
-        for precision in ('double', 'mixed', 'single'))
+        for precision in ('double', 'mixed', 'single')
+    )
     assert double.converged
     assert mixed.converged
     assert np.abs(mixed.value - double.value).max() <= mixed.upper + double.upper
@@ -141,8 +146,10 @@ def test_a_solve_resumed_anywhere_ends_in_the_same_bits(precision):
     sub = whole(case_study(1, 2, 3))
     kept = {}
     straight = value_iteration(
-        sub, precision=precision,
-        on_values=lambda sweeps, values: kept.update({sweeps: values.copy()}))
+        sub,
+        precision=precision,
+        on_values=lambda sweeps, values: kept.update({sweeps: values.copy()}),
+    )
     assert sorted(kept) == list(range(1, straight.iterations + 1))
     for sweeps in (1, 20, straight.iterations - 2):
         resumed = value_iteration(sub, precision=precision, start=(sweeps, kept[sweeps]))
@@ -202,10 +209,13 @@ def test_memory_is_counted():
     assert counted < 1.3 * sum(table.nbytes for table in tables)
 
 
-@pytest.mark.parametrize(('settings', 'message'), [
-    ({'precision': 'half'}, "'half' is none of mixed, double, single"),
-    ({'threads': 0}, 'threads 0 must be above 0'),
-])
+@pytest.mark.parametrize(
+    ('settings', 'message'),
+    [
+        ({'precision': 'half'}, "'half' is none of mixed, double, single"),
+        ({'threads': 0}, 'threads 0 must be above 0'),
+    ],
+)
 def test_senseless_settings(settings, message):
     with pytest.raises(ValueError, match=message):
         value_iteration(whole(case_study(1)), **settings)
@@ -213,5 +223,6 @@ def test_senseless_settings(settings, message):
 
 def test_tables_are_kept_for_small_missions_only():
     assert [LookAhead.tabulates(whole(many_goals(k))) for k in range(1, 7)] == [True] * 4 + [
-        False] * 2
+        False
+    ] * 2
     assert look_ahead.TABLES * 8 * 8 < 1 << 26

@@ -35,8 +35,10 @@ def commands() -> dict[str, str]:
     """Return setup.py's console scripts and the modules that they call."""
     tree = ast.parse((ROOT / 'setup.py').read_text())
     return next(
-        ast.literal_eval(node.value) for node in tree.body
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == 'COMMANDS')
+        ast.literal_eval(node.value)
+        for node in tree.body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == 'COMMANDS'
+    )
 
 
 def imported_packages(path: Path) -> set[str]:
@@ -57,23 +59,31 @@ def names_defined(module: str) -> set[str]:
     body = ast.parse(path.read_text()).body
     functions = {node.name for node in body if isinstance(node, ast.FunctionDef)}
     return functions | {
-        alias.name for node in body if isinstance(node, ast.ImportFrom) for alias in node.names}
+        alias.name for node in body if isinstance(node, ast.ImportFrom) for alias in node.names
+    }
 
 
 def keywords(path: Path, name: str) -> set[str]:
     """Return the string values of every keyword argument `name` in the file at `path`."""
     return {
-        keyword.value.value for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, ast.Call) for keyword in node.keywords
-        if keyword.arg == name and isinstance(keyword.value, ast.Constant)}
+        keyword.value.value
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Call)
+        for keyword in node.keywords
+        if keyword.arg == name and isinstance(keyword.value, ast.Constant)
+    }
 
 
 def calls(path: Path, name: str) -> list[ast.Call]:
     """Return the calls of `name` in the file at `path` whose first argument is a literal."""
     return [
-        node for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, ast.Call) and ast.unparse(node.func) == name
-        and node.args and isinstance(node.args[0], ast.Constant)]
+        node
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Call)
+        and ast.unparse(node.func) == name
+        and node.args
+        and isinstance(node.args[0], ast.Constant)
+    ]
 
 
 def first_arguments(path: Path, name: str) -> set[str]:
@@ -134,7 +144,10 @@ def test_shim_runs_the_command_in_bin(tmp_path):
         (tmp_path / folder / 'manager').chmod(0o755)
     run = subprocess.run(
         [tmp_path / 'lib/uav_mission_manager/manager', 'two words', '-p'],
-        capture_output=True, text=True, check=False)
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert (run.returncode, run.stdout) == (3, 'two words\n-p\n')
 
 
@@ -155,8 +168,10 @@ def test_launch_file_sets_only_declared_parameters(path):
 def test_launch_file_declares_the_arguments_it_uses(path):
     module = ast.parse(path.read_text())
     declared = next(
-        {key.value for key in node.value.keys} for node in module.body
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == 'ARGUMENTS')
+        {key.value for key in node.value.keys}
+        for node in module.body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == 'ARGUMENTS'
+    )
     used = first_arguments(path, 'LaunchConfiguration') | first_arguments(path, 'argument')
     assert used == declared
 
@@ -175,7 +190,8 @@ def test_share_directory_of_an_installation(tmp_path):
 
     def run() -> subprocess.CompletedProcess[str]:
         return subprocess.run(
-            [sys.executable, '-c', code], cwd=site, capture_output=True, text=True, check=False)
+            [sys.executable, '-c', code], cwd=site, capture_output=True, text=True, check=False
+        )
 
     assert 'FileNotFoundError' in run().stderr
     share.mkdir(parents=True)

@@ -14,7 +14,7 @@ from strategies import CASE_STUDY, case_study, missions, pick_states
 from uav_mission_manager import build_policy, load_mission, load_policy
 from uav_mission_manager.mdp import mission_from_dict
 from uav_mission_manager.paths import share_directory
-from uav_mission_manager.policy import NAMES, PolicyError
+from uav_mission_manager.policy import METHODS, PolicyError
 
 SHIPPED = share_directory() / 'policies' / 'case_study'
 
@@ -51,13 +51,14 @@ def test_shipped_set_is_the_exact_policy_of_the_shipped_mission(tmp_path):
     assert sum(map(len, shipped.values())) < 5e6
 
 
-@pytest.mark.parametrize('method', NAMES)
+@pytest.mark.parametrize('method', [method for method in METHODS if method != 'auto'])
 def test_loaded_is_saved(method, tmp_path):
     saved = build_policy(mission_from_dict(case_study(), 'test'), method, order=2)
     saved.save(tmp_path / 'p')
     loaded = load_policy(tmp_path / 'p')
     states = pick_states(saved.space, 3000)
     assert (loaded.mission, loaded.method, loaded.info) == (saved.mission, method, saved.info)
+    assert loaded.plan == saved.plan
     for look in ('q_values', 'act', 'lower_bound', 'upper_bound', 'part_values'):
         np.testing.assert_array_equal(getattr(loaded, look)(states), getattr(saved, look)(states))
     assert loaded.decide(states[0].tolist()) == saved.decide(states[0].tolist())
@@ -105,7 +106,7 @@ def test_flipped_bits_of_an_array(copy, name):
 def test_truncated_empty_or_missing_file(copy, name):
     file = copy / name
     good = file.read_bytes()
-    for part in (good[:-1], good[:len(good) // 2], b'', good + b'\0'):
+    for part in (good[:-1], good[: len(good) // 2], b'', good + b'\0'):
         file.write_bytes(part)
         assert refusal(copy).startswith(f'{file}: ')
     file.unlink()
@@ -129,7 +130,7 @@ def forge(directory, change):
 
 
 FORGERIES = {
-    'schema': lambda m: m.update(schema=1),
+    'schema': lambda m: m.update(schema=3),
     'no schema': lambda m: m.pop('schema'),
     'mission_sha256': lambda m: m.update(mission_sha256='0' * 64),
     'changed mission': lambda m: m['mission'].update(discount=0.9),
@@ -137,12 +138,16 @@ FORGERIES = {
     'no mission': lambda m: m.pop('mission'),
     'method': lambda m: m.update(method='magic'),
     'no sub-MDPs': lambda m: m.update(sub_mdps=[]),
+    'no plan': lambda m: m.pop('plan'),
+    'plan of another goal': lambda m: m['plan']['parts'][0].update(goals=['elsewhere']),
+    'plan that leaves states out': lambda m: m['plan'].update(parts=m['plan']['parts'][:1]),
     'unknown goal': lambda m: m['sub_mdps'][0].update(goals=['elsewhere']),
     'unknown action': lambda m: m['sub_mdps'][0].update(actions=[1, 99]),
     'no such file': lambda m: m['sub_mdps'][1]['arrays']['value'].update(file='2_value.npy'),
     'no hash': lambda m: m['sub_mdps'][0]['arrays']['value'].pop('sha256'),
     'array of another kind': lambda m: m['sub_mdps'][0]['arrays'].update(
-        actions=m['sub_mdps'][0]['arrays']['value']),
+        actions=m['sub_mdps'][0]['arrays']['value']
+    ),
     'sub-MDP of other goals': lambda m: m['sub_mdps'][0].update(goals=['goal1', 'goal2']),
 }
 
@@ -165,9 +170,16 @@ def test_policy_of_another_mission(copy):
     moved['goals'][0]['cell'] = 4
     others = {
         'goals': [case_study(1), case_study(2, 1), case_study(1, 3), moved],
-        'grid': [case_study(1, 2, grid=grid | change) for change in (
-            {'base': 4}, {'service': 2}, {'cols': 5}, {'cell_size': 60.0},
-            {'origin': grid['origin'] | {'latitude': 47.0}})],
+        'grid': [
+            case_study(1, 2, grid=grid | change)
+            for change in (
+                {'base': 4},
+                {'service': 2},
+                {'cols': 5},
+                {'cell_size': 60.0},
+                {'origin': grid['origin'] | {'latitude': 47.0}},
+            )
+        ],
     }
     for field, documents in others.items():
         for document in documents:
@@ -190,8 +202,10 @@ def assert_not_overwritten(policy, place):
     assert sorted(place.parent.rglob('*')) == before
 
 
-@pytest.mark.parametrize('files', [
-    ['thesis.txt'], ['0_value.npy'], ['manifest.json', 'thesis.txt'], ['sub/manifest.json']])
+@pytest.mark.parametrize(
+    'files',
+    [['thesis.txt'], ['0_value.npy'], ['manifest.json', 'thesis.txt'], ['sub/manifest.json']],
+)
 def test_what_is_no_policy_set_is_not_overwritten(policy, tmp_path, files):
     place = tmp_path / 'p'
     for name in files:
@@ -213,8 +227,7 @@ def test_saving_replaces_a_set_sound_or_broken(policy, copy):
     (copy / '0_value.npy').unlink()
     policy.save(copy)
     assert load_policy(copy).method == 'exact'
-    assert sorted(path.name for path in copy.iterdir()) == [
-        '0_value.npy', 'manifest.json']
+    assert sorted(path.name for path in copy.iterdir()) == ['0_value.npy', 'manifest.json']
     assert list(copy.parent.iterdir()) == [copy]
 
 

@@ -39,8 +39,11 @@ def test_bounds_hold_at_every_sweep(one_goal, sweeps):
     assert off.max() <= solution.upper + 1e-9
     # The bounds are not much wider than need be: the change of the last sweep decides them.
     discount = sub.mission.discount
-    assert solution.upper == -solution.lower == pytest.approx(
-        discount / (1 - discount) * solution.residual, abs=1e-10)
+    assert (
+        solution.upper
+        == -solution.lower
+        == pytest.approx(discount / (1 - discount) * solution.residual, abs=1e-10)
+    )
 
 
 @pytest.mark.parametrize('tolerance', [1e-2, 1e-5, 1e-8])
@@ -63,8 +66,9 @@ def test_the_greedy_policy_loses_no_more_than_its_bound(one_goal, sweeps):
     action = choose(look_ahead.q_values(states)) - 1
     costs, rows, row_of = matrices(model)
     everyone = np.arange(len(states))
-    followed = evaluate(costs[everyone, action], rows, row_of[everyone, action],
-                        sub.mission.discount)
+    followed = evaluate(
+        costs[everyone, action], rows, row_of[everyone, action], sub.mission.discount
+    )
     loss = followed - exact
     assert loss.min() >= -1e-9
     assert loss.max() <= solution.policy_loss_bound
@@ -131,10 +135,15 @@ def test_lower_bound_of_a_policy_stopped_early():
 
 def test_ties_go_to_the_lowest_number():
     nearly = 100 * (1 + 0.9e-9)
-    q = np.array([
-        [3.0, 1.0, 1.0, 2.0], [np.inf, nearly, 100.0, 101.0], [100 * (1 + 2e-9), 100, 100, 1e3],
-        [0.0, 0.0, 1.0, 1.0], [np.inf, np.inf, 5.0, np.inf],
-    ])
+    q = np.array(
+        [
+            [3.0, 1.0, 1.0, 2.0],
+            [np.inf, nearly, 100.0, 101.0],
+            [100 * (1 + 2e-9), 100, 100, 1e3],
+            [0.0, 0.0, 1.0, 1.0],
+            [np.inf, np.inf, 5.0, np.inf],
+        ]
+    )
     assert choose(q).tolist() == [2, 2, 2, 1, 3]
 
 
@@ -163,5 +172,8 @@ def test_sub_mdps_of_goals():
     mission = mission_from_dict(case_study(), 'test')
     subs = goal_sub_mdps(mission)
     assert [(sub.goals, sub.numbers) for sub in subs] == [
-        ((0,), (1, 2, 5, 6, 9, 10)), ((1,), (1, 3, 5, 7, 9, 10)), ((2,), (1, 4, 5, 8, 9, 10))]
+        ((0,), (1, 2, 5, 6, 9, 10)),
+        ((1,), (1, 3, 5, 7, 9, 10)),
+        ((2,), (1, 4, 5, 8, 9, 10)),
+    ]
     assert StateSpace(1, mission.grid.q).size == subs[0].states

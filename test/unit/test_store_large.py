@@ -22,7 +22,7 @@ from uav_mission_manager.solver.exact import look_ahead
 @pytest.fixture
 def large(monkeypatch):
     """Treats every mission as one too large for tables."""
-    monkeypatch.setattr(look_ahead, 'TABLES', 0)
+    monkeypatch.setattr(look_ahead, 'TABLED_ENTRIES', 0)
 
 
 @pytest.fixture
@@ -40,16 +40,16 @@ def mapped(array):
 def test_actions_come_from_disk_without_tables(tmp_path, monkeypatch, mission):
     reference = build_policy(mission, 'exact')
     states = pick_states(reference.space, 2000)
-    assert reference.solutions[0].actions is None
-    monkeypatch.setattr(look_ahead, 'TABLES', 0)
+    assert reference.solution.actions is None
+    monkeypatch.setattr(look_ahead, 'TABLED_ENTRIES', 0)
     build_policy(mission, 'exact').save(tmp_path / 'p')
     policy = load_policy(tmp_path / 'p')
-    solution = policy.solutions[0]
+    solution = policy.solution
     assert mapped(solution.actions)
     assert mapped(solution.value)
     assert solution.actions.dtype == np.uint8
-    # One byte a state of the reduced space: places, t, f, r, g.
-    assert solution.actions.size == (8 + 2) * 3 * 8 * 4 * 9
+    # One byte a state of the reduced space: cells, t, f, r, g.
+    assert solution.actions.size == 8 * 3 * 8 * 4 * 9
     assert np.array_equal(policy.act(states), reference.act(states))
     for state in states[:50]:
         decision, expected = policy.decide(state), reference.decide(state)
@@ -79,8 +79,9 @@ def test_single_precision_halves_the_file(tmp_path, mission):
         policy = build_policy(mission, 'exact', tolerance=1e-2, precision=precision)
         policy.save(tmp_path / precision)
         sizes[precision] = (tmp_path / precision / '0_value.npy').stat().st_size - 128
-        assert load_policy(tmp_path / precision).solutions[0].value.dtype.itemsize == (
-            4 if precision == 'single' else 8)
+        assert load_policy(tmp_path / precision).solution.value.dtype.itemsize == (
+            4 if precision == 'single' else 8
+        )
     assert 2 * sizes['single'] == sizes['double']
 
 
@@ -89,11 +90,11 @@ class StoppedError(Exception):
 
 
 def build(mission, place, checkpoint, stop_after=None):
-    def on_sweep(_position, sweep, _bound):
-        if sweep == stop_after:
+    def progress(report):
+        if report.step == stop_after:
             raise StoppedError
 
-    policy = build_policy(mission, 'exact', on_sweep=on_sweep, checkpoint=checkpoint)
+    policy = build_policy(mission, 'exact', progress=progress, checkpoint=checkpoint)
     policy.save(place)
     checkpoint.remove()
     return policy
@@ -108,12 +109,11 @@ def test_resumed_from_a_checkpoint_to_the_same_bytes(tmp_path, mission):
     (left,) = (tmp_path / 'sets').iterdir()
     assert left.name == '.p.checkpoint.npz'
     checkpoint = Checkpoint(place, mission, 'exact', 'mixed', interval=0)
-    assert checkpoint.load(0)[0] == 29
-    assert checkpoint.load(1) is None
+    assert checkpoint.load()[0] == 29
     sweeps = []
     policy = build_policy(
-        mission, 'exact', checkpoint=checkpoint,
-        on_sweep=lambda _, sweep, __: sweeps.append(sweep))
+        mission, 'exact', checkpoint=checkpoint, progress=lambda report: sweeps.append(report.step)
+    )
     policy.save(place)
     checkpoint.remove()
     assert sweeps[0] == 30
@@ -126,15 +126,18 @@ def test_a_checkpoint_of_something_else_or_broken_is_refused(tmp_path, mission):
     with pytest.raises(StoppedError):
         build(mission, place, Checkpoint(place, mission, 'exact', 'mixed', interval=0), 5)
     other = mission_from_dict(case_study(1), 'test')
-    for key in [(other, 'exact', 'mixed'), (mission, 'split', 'mixed'),
-                (mission, 'exact', 'single')]:
+    for key in [
+        (other, 'exact', 'mixed'),
+        (mission, 'split', 'mixed'),
+        (mission, 'exact', 'single'),
+    ]:
         with pytest.raises(PolicyError, match='is of another mission, method or precision'):
-            Checkpoint(place, *key).load(0)
+            Checkpoint(place, *key).load()
     checkpoint = Checkpoint(place, mission, 'exact', 'mixed')
     for bad in (checkpoint.file.read_bytes()[:-30], b'', b'PK'):
         checkpoint.file.write_bytes(bad)
         with pytest.raises(PolicyError, match='cannot be read'):
-            checkpoint.load(0)
+            checkpoint.load()
 
 
 def test_short_solves_write_no_checkpoint(tmp_path, mission):
@@ -151,7 +154,7 @@ def test_command_takes_precision_jobs_and_resume(tmp_path, capsys):
     policy_build.main([*arguments, '--precision', 'single', '--jobs', '1', '--resume'])
     summary = json.loads(capsys.readouterr().out)
     assert summary['converged']
-    assert load_policy(out).solutions[0].value.dtype == np.float32
+    assert load_policy(out).solution.value.dtype == np.float32
     assert list(tmp_path.iterdir()) == [out]
 
 
@@ -172,8 +175,12 @@ def test_progress_says_sweeps_bound_and_time_left(tmp_path):
     master, slave = pty.openpty()
     command = [sys.executable, '-m', 'uav_mission_manager.cli.policy_build', str(CASE_STUDY)]
     done = subprocess.run(
-        [*command, '--out', str(tmp_path / 'p'), '--precision', 'double'], stderr=slave,
-        stdout=subprocess.PIPE, check=True, env={**os.environ, 'TERM': 'xterm', 'COLUMNS': '120'})
+        [*command, '--out', str(tmp_path / 'p'), '--precision', 'double'],
+        stderr=slave,
+        stdout=subprocess.PIPE,
+        check=True,
+        env={**os.environ, 'TERM': 'xterm', 'COLUMNS': '120'},
+    )
     os.close(slave)
     shown = b''
     while True:
@@ -186,7 +193,7 @@ def test_progress_says_sweeps_bound_and_time_left(tmp_path):
         shown += part
     os.close(master)
     text = shown.decode()
-    assert 'sub-MDP 1: sweep ' in text
+    assert 'exact solution: sweep ' in text
     assert 'of V*' in text
     assert '0:00:00' in text
     assert b'sweeps' in done.stdout

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 
 import numpy as np
@@ -12,50 +13,54 @@ from strategies import case_study
 
 from uav_mission_manager import build_policy
 from uav_mission_manager.mdp import mission_from_dict
-from uav_mission_manager.policy.workers import THREADS, workers
 
 
 def many_goals(k):
     document = case_study()
     document['goals'] = [
-        document['goals'][j % 3] | {'name': f'goal{j}', 'eta': 1.0 + j} for j in range(k)]
+        document['goals'][j % 3] | {'name': f'goal{j}', 'eta': 1.0 + j} for j in range(k)
+    ]
     return mission_from_dict(document, 'test')
 
 
-def assert_same(policy, other, rtol=0.0):
-    states = policy.space.draw(500, np.random.default_rng(0))
-    np.testing.assert_allclose(policy.q_values(states), other.q_values(states), rtol=rtol)
+def contents(policy, directory):
+    policy.save(directory)
+    return {path.name: path.read_bytes() for path in directory.iterdir()}
 
 
-@pytest.mark.parametrize(('method', 'rtol'), [('split', 0.0), ('expansion', 1e-4)])
-def test_processes_find_the_same(method, rtol):
-    """Linear algebra in other numbers of threads may round differently."""
+@pytest.mark.parametrize('method', ['split', 'expansion'])
+def test_processes_make_the_same_bytes(method, tmp_path):
     mission = mission_from_dict(case_study(), 'test')
     alone = build_policy(mission, method, order=2)
-    done = []
-    environment = dict(os.environ)
-    together = build_policy(
-        mission, method, order=2, jobs=2, on_sweep=lambda position, *_: done.append(position))
-    assert_same(alone, together, rtol)
-    assert done == list(range(3 if method == 'split' else 2))
-    assert dict(os.environ) == environment
+    reports = []
+    together = build_policy(mission, method, order=2, jobs=2, progress=reports.append)
+    assert contents(together, tmp_path / 'a') == contents(alone, tmp_path / 'b')
+    tasks = {
+        'split': ['sub-MDP of goal1', 'sub-MDP of goal2', 'sub-MDP of goal3'],
+        'expansion': ['fit of the expansion', 'lower bound'],
+    }
+    assert [(report.task, report.done) for report in reports] == [(t, 1) for t in tasks[method]]
 
 
-def test_processes_share_the_processors():
-    with workers(jobs=64) as pool:
-        assert not pool.here
-        assert set(pool.run([_threads] * 2)) == {('1',) * len(THREADS)}
-
-
-def _threads():
-    return tuple(os.environ[name] for name in THREADS)
+def test_load_on_the_machine_changes_no_byte(tmp_path):
+    mission = many_goals(4)
+    quiet = contents(build_policy(mission, 'expansion', order=2), tmp_path / 'a')
+    busy = subprocess.Popen([sys.executable, '-c', 'while True: pass'])
+    try:
+        assert contents(build_policy(mission, 'expansion', order=2), tmp_path / 'b') == quiet
+    finally:
+        busy.kill()
+        busy.wait()
 
 
 @pytest.fixture
 def cluster():
     distributed = pytest.importorskip('distributed')
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, host='127.0.0.1', dashboard_address=None,
+        n_workers=2,
+        threads_per_worker=1,
+        host='127.0.0.1',
+        dashboard_address=None,
     ) as cluster:
         yield cluster
 
@@ -64,15 +69,16 @@ def test_a_cluster_that_loses_a_worker_finds_the_same(cluster):
     mission = many_goals(24)
     lost = []
 
-    def kill_one(*_):
+    def kill_one(_report):
         if not lost:
             lost.append(cluster.workers[0].process.pid)
             os.kill(lost[0], signal.SIGKILL)
 
-    policy = build_policy(
-        mission, 'split', scheduler=cluster.scheduler_address, on_sweep=kill_one)
+    policy = build_policy(mission, 'split', scheduler=cluster.scheduler_address, progress=kill_one)
     assert lost
-    assert_same(build_policy(mission, 'split'), policy)
+    states = policy.space.draw(500, np.random.default_rng(0))
+    expected = build_policy(mission, 'split').q_values(states)
+    np.testing.assert_array_equal(policy.q_values(states), expected)
 
 
 def test_errors_of_sub_problems_arrive():
