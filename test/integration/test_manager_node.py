@@ -153,6 +153,31 @@ def test_case_one_through_topics(ros: Ros, flight: Flight, manager: NodeProcess)
     assert len(manager.lines('commit goal1 normal: goal1 has high priority')) == 2
 
 
+def test_a_goal_is_stayed_at_until_it_is_completed(
+    ros: Ros, flight: Flight, manager: NodeProcess
+) -> None:
+    """A sensor fault makes completion uncertain; the policy stays, only the mode may change."""
+    flight.fault = 'sensor'
+    ros.until(lambda: flight.decision()['state'].startswith('2 '), 'the fault')
+    flight.ask([2, 0, 0], 'a')
+    flight.until_command('commit goal1 normal')
+    flight.cell = 5
+    ros.until(lambda: flight.decision()['state'] == '2 1 1 1 2 0 0 5 1 0 0', 'arrival')
+    arrived = len(flight.commands)
+    ros.spin(4.0)
+    flight.threat('high')
+    flight.until_command('commit goal1 agile')
+    ros.spin(2.0)
+    flight.threat('none')
+    flight.until_command('commit goal1 normal')
+    on_site = [message.data for message in flight.commands[arrived:]]
+    assert len(on_site) >= 6  # Repeated at 1 Hz.
+    assert {command.rsplit(' ', 1)[0] for command in on_site} == {'commit goal1'}
+    flight.complete('goal1')
+    ros.until(lambda: not flight.commands[-1].data.startswith('commit'), 'departure')
+    flight.until_goals([0, 0, 0])
+
+
 def test_decision_says_why(ros: Ros, flight: Flight, manager: NodeProcess) -> None:
     flight.ask([0, 1, 2])
     flight.until_goals([0, 1, 2])
