@@ -1,7 +1,7 @@
 """All forms of the model say the same of random missions.
 
 The reference is `brute_force`, which enumerates successors and shares no code with the package.
-Every other form, a `FORMS` entry, is held to it in the one-epoch look-ahead
+Every other form, an entry of `forms.FORMS`, is held to it in the one-epoch look-ahead
 
     Q(s, a) = J(s, a) + discount E[p(t', m') - [c' > 0] eta_c' g_c' r_c' + W(l', t', g', f', r')]
 
@@ -17,6 +17,7 @@ from collections import Counter
 import numpy as np
 import pytest
 from brute_force import BruteForce
+from forms import DOUBLE, FORMS, backed_up, outcomes_of
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from strategies import lively, missions, pick_states
@@ -30,8 +31,9 @@ from uav_mission_manager.mdp import (
     mission_from_dict,
     stage_costs,
 )
-from uav_mission_manager.solver.reduced import ReducedMission
-from uav_mission_manager.solver.submdp import whole_mission
+from uav_mission_manager.solver.evaluation.simulation import Simulator
+from uav_mission_manager.solver.exact import AxisModel, LookAhead, sweep
+from uav_mission_manager.solver.submdp import shared_sub_mdps
 
 SIZES = [(1, 1), (1, 3), (2, 2), (2, 3)]
 seeds = st.integers(0, 2**32 - 1)
@@ -73,95 +75,10 @@ def reference_q(document, w, states):
     return q
 
 
-# The forms
-
-
-def by_matrices(mission, w, states):
-    """From `mdp` alone, with one product of matrices an action."""
-    q = np.where(allowed_actions(mission, states), 0.0, np.inf)
-    for i, state in enumerate(states):
-        for action in global_actions(mission):
-            expected = sum(
-                weight * probability * value_of(mission, w, after)
-                for weight, outcomes in outcomes_of(mission, state, action)
-                for after, probability in outcomes.items()
-            )
-            j = stage_costs(mission, state, [action.number])[0]
-            q[i, action.number - 1] += j + mission.discount * expected
-    return q
-
-
-def value_of(mission, w, state):
-    s = StateSpace(mission.k, mission.grid.q).split(np.array(state))
-    value = cost.threat_costs(mission)[s.t, s.m] + w[(s.l, s.t, *s.g, s.f - 1, *s.r)]
-    if s.c:
-        j = s.c - 1
-        value -= cost.commitment_savings(mission)[j, s.g[j], s.r[j]]
-    return value
-
-
-def outcomes_of(mission, state, action):
-    """(weight, {s': P(s')}) where the action's goal is completed, and where it is not."""
-    s = StateSpace(mission.k, mission.grid.q).split(state)
-    a, regime = action.number - 1, dynamics.regimes(mission)[action.number - 1, s.l]
-    after = int(dynamics.landings(mission)[a, s.l])
-    faults = dynamics.fault_matrices(mission)[regime, s.f - 1]
-    ranges = dynamics.range_matrices(mission)[regime, s.r]
-    priorities = dynamics.priority_matrices(mission)[np.arange(mission.k), s.g]
-    threats = dynamics.threat_matrices(mission)[after, s.t]
-    done = dynamics.may_complete(mission)[a, s.l]
-    done = done * dynamics.completion_probabilities(mission)[s.f - 1]
-    for weight, completed in ((done, True), (1 - done, False)):
-        rows = priorities.copy()
-        if completed and action.goal is not None:
-            rows[action.goal] = 1.0, 0.0, 0.0
-        commitment = 0 if completed else action.commitment
-        outcomes = {}
-        for f, *rest, t in itertools.product(
-            range(8), *[range(2)] * mission.k, *[range(3)] * mission.k, range(3)
-        ):
-            r, g = rest[: mission.k], rest[mission.k :]
-            p = faults[f] * math.prod(row[x] for row, x in zip(ranges, r))
-            p *= math.prod(row[x] for row, x in zip(rows, g)) * threats[t]
-            if p * weight > 0:
-                next_state = (f + 1, *r, *g, after, commitment, t, int(action.agile))
-                outcomes[next_state] = p
-        yield weight, outcomes
-
-
-def by_reduced_mission(mission, w, states):
-    """From the factors of `ReducedMission`."""
-    reduced = ReducedMission(whole_mission(mission))
-    s, x = reduced.split(states), reduced.x(states)
-    k = mission.k
-    # Axes l, t, f, x_1.., with x_j = 2 g_j + r_j.
-    axes = [0, 1, 2 + k, *itertools.chain(*((2 + j, 3 + k + j) for j in range(k)))]
-    table = w.transpose(axes).reshape(mission.grid.q, 3, 8, *(6,) * k)
-    q = np.empty((len(states), 2 * k + 4))
-    for i in range(len(states)):
-        cell, t, f = s.l[i], s.t[i], s.f[i] - 1
-        q[i] = reduced.action_costs(cell, x[i : i + 1], np.array([f]))[:, 0, 0]
-        for a, slot in enumerate(reduced.slots):
-            after, regime = reduced.landings[a, cell], reduced.regimes[a, cell]
-            rows = [reduced.goals[regime, j, x[i, j]] for j in range(k)]
-            done = reduced.completion[f] if reduced.completes[a, cell] else 0.0
-            rows[slot] = done * reduced.completed[regime, x[i, slot]] + (1 - done) * rows[slot]
-            expected = np.tensordot(reduced.threat[after, t], table[after], 1)
-            expected = np.tensordot(reduced.faults[regime, f], expected, 1)
-            for row in rows:
-                expected = np.tensordot(row, expected, 1)
-            q[i, a] += reduced.price[reduced.agile[a], after, t] + mission.discount * expected
-    return q + reduced.state_costs(states)[:, None]
-
-
-FORMS = {'matrices': by_matrices, 'reduced mission': by_reduced_mission}
-"""Q (N, 2k+4) of a mission, W and states (N, 2k+5) in each form."""
-
-
-def assert_same(q, expected):
+def assert_same(q, expected, tolerance):
     np.testing.assert_array_equal(np.isinf(q), np.isinf(expected))
     allowed = np.isfinite(expected)
-    np.testing.assert_allclose(q[allowed], expected[allowed], rtol=1e-11, atol=1e-9)
+    np.testing.assert_allclose(q[allowed], expected[allowed], **tolerance)
 
 
 @pytest.mark.parametrize('form', FORMS)
@@ -172,7 +89,94 @@ def assert_same(q, expected):
 def test_one_epoch_look_ahead(form, document, seed):
     mission = mission_from_dict(document, 'test')
     w, states = random_w(mission, seed), sample(mission, 4, seed)
-    assert_same(FORMS[form](mission, w, states), reference_q(document, w, states))
+    look_ahead, tolerance = FORMS[form]
+    assert_same(look_ahead(mission, w, states), reference_q(document, w, states), tolerance)
+
+
+@pytest.mark.parametrize('entries', [sweep.BLOCK_ENTRIES, 40])
+@settings(max_examples=25, deadline=None)
+@given(any_mission, seeds)
+@example(lively(), 0)
+def test_a_sweep_takes_the_least_of_the_look_ahead(entries, document, seed):
+    """In one block of rows and in many."""
+    mission = mission_from_dict(document, 'test')
+    w, states = random_w(mission, seed), sample(mission, 4, seed)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sweep, 'BLOCK_ENTRIES', entries)
+        after = backed_up(mission, w)
+    model = BruteForce(document)
+    values = [reference_value(model, after, state) for state in map(tuple, states.tolist())]
+    expected = reference_q(document, w, states).min(axis=1)
+    np.testing.assert_allclose(values, expected, **DOUBLE)
+
+
+@settings(max_examples=25, deadline=None)
+@given(missions(SIZES, [2, 3]), st.integers(1, 2), seeds)
+@example(lively(), 1, 0)
+def test_sub_mdps_with_shares_add_up_to_the_mission(document, n, seed):
+    """Q of the sum of their W is the sum of their Q, wherever the mission allows the action."""
+    mission = mission_from_dict(document, 'test')
+    k, states, rng = mission.k, sample(mission, 3, seed), np.random.default_rng(seed)
+    w, q = np.zeros_like(random_w(mission, 0)), np.zeros((len(states), 2 * k + 4))
+    for sub in shared_sub_mdps(mission, np.array(list(itertools.combinations(range(k), n)))):
+        model = AxisModel(sub)
+        values = rng.uniform(-100, 100, model.shape)
+        q += LookAhead(model, values).q_values(states)
+        tracked = np.isin(range(k), sub.goals)
+        axes = *np.where(tracked, 3, 1), 8, *np.where(tracked, 2, 1)
+        w += values.reshape(mission.grid.q, 3, *axes)
+    expected = reference_q(document, w, states)
+    allowed = np.isfinite(expected)
+    np.testing.assert_allclose(q[allowed], expected[allowed], **DOUBLE)
+
+
+DRAWS = 20_000
+
+
+def assert_drawn_from(counts, expected):
+    """Counts of DRAWS outcomes no further off than Bernstein's bound of chance 1e-10 allows."""
+    log = math.log(2e10)
+    for outcome in counts.keys() | expected.keys():
+        p = expected.get(outcome, 0.0)
+        allowed = log / 3 + math.sqrt(log**2 / 9 + 2 * log * DRAWS * p * (1 - p))
+        assert p > 0 or outcome not in counts, f'{outcome} cannot be'
+        assert abs(counts.get(outcome, 0) - DRAWS * p) <= allowed, outcome
+
+
+@settings(max_examples=20, deadline=None)
+@given(any_mission, seeds)
+@example(lively(), 0)
+@example(lively(feasibility='paper'), 0)
+def test_simulated_steps(document, seed):
+    """Next states as often as they should be, and no others."""
+    model, simulator = BruteForce(document), Simulator(mission_from_dict(document, 'test'))
+    space, rng = simulator.space, np.random.default_rng(seed)
+    for state in map(tuple, space.draw(6, rng).tolist()):
+        action = rng.choice([a for a in model.actions if model.allowed(state, a)])
+        expected = Counter()
+        for after, p in model.successors(state, action):
+            expected[after] += p
+        drawn = simulator.step(np.tile(state, (DRAWS, 1)), np.full(DRAWS, action), rng)
+        indices, counts = np.unique(space.index(drawn), return_counts=True)
+        after = map(tuple, space.states(indices).tolist())
+        assert_drawn_from(dict(zip(after, counts.tolist())), expected)
+
+
+@settings(max_examples=20, deadline=None)
+@given(any_mission, seeds)
+def test_simulated_costs_and_what_may_be_simulated(document, seed):
+    model, simulator = BruteForce(document), Simulator(mission_from_dict(document, 'test'))
+    states = sample(simulator.mission, 30, seed)
+    for action in model.actions:
+        actions = np.full(len(states), action)
+        expected = [model.cost(tuple(state), action) for state in states.tolist()]
+        np.testing.assert_allclose(simulator.costs(states, actions), expected, atol=1e-9)
+        for i, state in enumerate(map(tuple, states.tolist())):
+            if model.allowed(state, action):
+                simulator.check(states[i : i + 1], actions[:1])
+            else:
+                with pytest.raises(ValueError, match='is not allowed'):
+                    simulator.check(states[i : i + 1], actions[:1])
 
 
 # The model's own functions
