@@ -204,8 +204,11 @@ def test_stage_costs_and_feasibility(document, seed):
 @example(lively(feasibility='paper'), 0)
 def test_next_states_and_their_probabilities(document, seed):
     model, mission = BruteForce(document), mission_from_dict(document, 'test')
+    may_complete = dynamics.may_complete(mission)
     for state in sample(mission, 3, seed):
         for action in global_actions(mission):
+            completable = model.goal_on_site(tuple(state.tolist()), action.number)
+            assert may_complete[action.number - 1, state[-4]] == bool(completable)
             expected, found = Counter(), Counter()
             for after, p in model.successors(tuple(state.tolist()), action.number):
                 expected[after] += p

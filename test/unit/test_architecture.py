@@ -1,4 +1,7 @@
-"""Imports run one way: mdp <- solver <- policy <- onboard <- nodes, cli; autopilot is beside."""
+"""Imports run one way: mdp <- solver <- policy <- onboard <- nodes, cli; autopilot is beside.
+
+So they do between the rooms of the solver, which all stand on its ground floor.
+"""
 
 from __future__ import annotations
 
@@ -19,6 +22,16 @@ ALLOWED = {
     'nodes': {'mdp', 'solver', 'policy', 'onboard', 'autopilot', 'ros'},
     'cli': {'mdp', 'solver', 'policy', 'onboard', 'autopilot', 'nodes', 'ros', 'pymavlink'},
 }
+# Room of the solver -> what it may import of the others, all of them before it.
+ROOMS = {
+    'ground floor': set(),
+    'exact': {'ground floor'},
+    'decomposition': {'ground floor'},
+    'bounds': {'ground floor'},
+    'expansion': {'ground floor', 'decomposition'},
+    'recombination': {'ground floor', 'exact'},
+    'evaluation': {'ground floor', 'exact', 'recombination'},
+}
 ROS = {'rclpy', 'ament_index_python', 'builtin_interfaces', 'rcl_interfaces', 'std_srvs'}
 MODULES = sorted((ROOT / PACKAGE).glob('*/**/*.py'))
 
@@ -30,7 +43,7 @@ def imports(path: Path) -> set[str]:
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            base = path.relative_to(ROOT).with_suffix('').parts[:-node.level or None]
+            base = path.relative_to(ROOT).with_suffix('').parts[: -node.level or None]
             base = '.'.join(base) if node.level else ''
             module = '.'.join(filter(None, (base, node.module)))
             names |= {f'{module}.{alias.name}' for alias in node.names}
@@ -57,26 +70,74 @@ def test_imports_run_one_way(path):
     assert used <= ALLOWED[own]
 
 
+SOLVER = [path for path in MODULES if 'solver' in path.parts]
+
+
+def room(name: str) -> str | None:
+    """Return the solver's room that an imported name belongs to; None if it is none of them."""
+    head = f'{PACKAGE}.solver.'
+    if not name.startswith(head):
+        return None
+    part = name.removeprefix(head).partition('.')[0]
+    return part if part in ROOMS else 'ground floor'
+
+
+@pytest.mark.parametrize('path', SOLVER, ids=lambda p: str(p.relative_to(ROOT / PACKAGE)))
+def test_rooms_build_on_those_before_them(path):
+    *_, own = 'ground floor', *path.relative_to(ROOT / PACKAGE / 'solver').parts[:-1]
+    assert {room(name) for name in imports(path)} - {None, own} <= ROOMS[own]
+
+
+def test_every_room_is_checked_and_comes_after_what_it_needs():
+    folders = {path.parent.name for path in SOLVER} - {'solver'}
+    assert folders == set(ROOMS) - {'ground floor'}
+    for position, needed in enumerate(ROOMS.values()):
+        assert needed <= set(list(ROOMS)[:position])
+
+
 def test_every_layer_is_checked():
     assert {path.relative_to(ROOT / PACKAGE).parts[0] for path in MODULES} == set(ALLOWED)
 
 
-@pytest.mark.parametrize(('line', 'expected'), [
-    ('import rclpy.node', 'ros'),
-    ('from sensor_msgs.msg import BatteryState', 'ros'),
-    ('from pymavlink import mavutil', 'pymavlink'),
-    ('from uav_mission_manager import nodes', 'nodes'),
-    ('from uav_mission_manager.policy import Policy', 'policy'),
-    ('from uav_mission_manager import build_policy', 'policy'),
-    ('from uav_mission_manager.paths import share_directory', None),
-    ('from ..solver import bellman', 'solver'),
-    ('from .states import StateSpace', 'mdp'),
-    ('def f():\n    import rclpy', 'ros'),
-    ('import numpy', None),
-])
+@pytest.mark.parametrize(
+    ('line', 'expected'),
+    [
+        ('import rclpy.node', 'ros'),
+        ('from sensor_msgs.msg import BatteryState', 'ros'),
+        ('from pymavlink import mavutil', 'pymavlink'),
+        ('from uav_mission_manager import nodes', 'nodes'),
+        ('from uav_mission_manager.policy import Policy', 'policy'),
+        ('from uav_mission_manager import build_policy', 'policy'),
+        ('from uav_mission_manager.paths import share_directory', None),
+        ('from ..solver import bellman', 'solver'),
+        ('from .states import StateSpace', 'mdp'),
+        ('def f():\n    import rclpy', 'ros'),
+        ('import numpy', None),
+    ],
+)
 def test_layer_of_an_import(line, expected, tmp_path, monkeypatch):
     monkeypatch.setitem(globals(), 'ROOT', tmp_path)
     path = tmp_path / PACKAGE / 'mdp' / 'probe.py'
     path.parent.mkdir(parents=True)
     path.write_text(line)
     assert {layer(name) for name in imports(path)} == {expected}
+
+
+@pytest.mark.parametrize(
+    ('line', 'expected'),
+    [
+        ('from uav_mission_manager.solver.exact import LookAhead', 'exact'),
+        ('from uav_mission_manager.solver.exact.sweep import Sweeper', 'exact'),
+        ('from uav_mission_manager.solver import evaluation', 'evaluation'),
+        ('from uav_mission_manager.solver import memory', 'ground floor'),
+        ('from uav_mission_manager.solver.reduced import ReducedMission', 'ground floor'),
+        ('from ..bounds import lower_bound', 'bounds'),
+        ('from uav_mission_manager.mdp import Mission', None),
+    ],
+)
+def test_room_of_an_import(line, expected, tmp_path, monkeypatch):
+    monkeypatch.setitem(globals(), 'ROOT', tmp_path)
+    path = tmp_path / PACKAGE / 'solver' / 'exact' / 'probe.py'
+    path.parent.mkdir(parents=True)
+    path.write_text(line)
+    assert {room(name) for name in imports(path)} == {expected}

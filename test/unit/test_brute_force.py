@@ -18,7 +18,7 @@ LARGE = [(1, 5), (5, 1), (3, 3), (2, 4), (4, 3)]
 
 
 def exact(document):
-    return build_policy(mission_from_dict(document, 'test'))
+    return build_policy(mission_from_dict(document, 'test'), 'exact')
 
 
 def assert_same_q(document):
@@ -29,7 +29,7 @@ def assert_same_q(document):
     np.testing.assert_allclose(q[allowed], reference.q[allowed], rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize('feasibility', ['strict', 'seed'])
+@pytest.mark.parametrize('feasibility', ['strict', 'paper'])
 @pytest.mark.parametrize('goal', [1, 2, 3])
 def test_every_q_of_the_case_study_with_one_goal(goal, feasibility):
     assert_same_q(case_study(goal, feasibility=feasibility))

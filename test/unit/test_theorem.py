@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from strategies import case_study, pick_states
 
 from uav_mission_manager.mdp import StateSpace, mission_from_dict
-from uav_mission_manager.solver import BellmanOperator, goal_sub_mdps, whole_mission
+from uav_mission_manager.solver.reduced import ReducedMission
+from uav_mission_manager.solver.submdp import goal_sub_mdps, whole_mission
 
 DISCOUNT = 0.9
 EPOCHS = 1 / (1 - DISCOUNT)
@@ -69,7 +70,8 @@ def product(one, other):
     cost = one.cost[:, None, :, None] + other.cost[None, :, None, :]
     transitions = np.einsum('iaj,kbl->ikabjl', one.transitions, other.transitions)
     return Mdp(
-        cost.reshape(states, actions), transitions.reshape(states, actions, states), one.discount)
+        cost.reshape(states, actions), transitions.reshape(states, actions, states), one.discount
+    )
 
 
 def joint(mdps, policies):
@@ -115,8 +117,7 @@ def test_under_its_conditions_the_theorem_holds(mdps):
     _, optimum = policy_iteration(whole)
     near = 1e-9 * (1 + optimum.max())
     np.testing.assert_allclose(summed(values), optimum, rtol=0, atol=near)
-    np.testing.assert_allclose(
-        whole.evaluate(joint(mdps, policies)), optimum, rtol=0, atol=near)
+    np.testing.assert_allclose(whole.evaluate(joint(mdps, policies)), optimum, rtol=0, atol=near)
 
 
 def under_threat(mdp, threat, prices):
@@ -161,7 +162,10 @@ BREACHES = {
     'transition of a pair': (
         chain([[0.5, 0], [1.5, 1]], [[0, 1], [0, 1]]),
         [chain([[0], [1]], [[0], [1]]), choice(0.5, 0)],
-        0.5, 0, DISCOUNT),
+        0.5,
+        0,
+        DISCOUNT,
+    ),
 }
 """Global MDP, sub-MDPs, and from the first state V*, sum of V_i* and the joint policy's cost, all
 per discounted epoch."""
@@ -171,8 +175,7 @@ per discounted epoch."""
 def test_without_a_condition_it_fails(name):
     whole, subs, *expected = BREACHES[name]
     policies, values = zip(*map(enumerated, subs))
-    found = [
-        enumerated(whole)[1], summed(values), whole.evaluate(joint(subs, policies))]
+    found = [enumerated(whole)[1], summed(values), whole.evaluate(joint(subs, policies))]
     assert [value[0] / EPOCHS for value in found] == pytest.approx(expected)
     assert not expected[0] == expected[1] == expected[2]
 
@@ -231,10 +234,13 @@ def test_the_mission_is_no_product_of_its_sub_mdps(mission):
 
 def test_sub_mdps_count_the_shared_costs_once_each(mission):
     """Sum of J_i - J = (k-1) (phi(f) + p(t, m)), but for h."""
-    states = pick_states(StateSpace(mission.k, mission.grid.q), 1000)
+    space = StateSpace(mission.k, mission.grid.q)
+    states = pick_states(space, 1000)
     whole, *parts = (
-        BellmanOperator(sub).stage_cost(states)
-        for sub in (whole_mission(mission), *goal_sub_mdps(mission)))
-    phi = np.array(mission.faults.cost)[states[:, 0] - 1]
-    p = np.array(mission.threat.cost)[states[:, -2], states[:, -1]]
+        ReducedMission(sub).state_costs(states)
+        for sub in (whole_mission(mission), *goal_sub_mdps(mission))
+    )
+    s = space.split(states)
+    phi, p = np.array(mission.faults.cost)[s.f - 1], np.array(mission.threat.cost)[s.t, s.m]
     np.testing.assert_allclose(sum(parts) - whole, 2 * (phi + p), rtol=0, atol=1e-12)
+    assert not any(sub.travel_costs.any() for sub in goal_sub_mdps(mission))
