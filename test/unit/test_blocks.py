@@ -127,7 +127,9 @@ def test_a_round_is_a_whole_backup_of_any_mission(document, data):
 
 
 def test_the_memory_is_that_of_a_block(tmp_path):
-    sub = whole()
+    document = case_study()
+    document['goals'].append(document['goals'][0] | {'name': 'goal4', 'cell': 7})
+    sub = whole_mission(mission_from_dict(document, 'test'))
     peaks = []
     for blocks in (
         BLOCKS['whole'],

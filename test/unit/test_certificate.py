@@ -36,7 +36,7 @@ def test_bounds_of_the_case_study_hold_everywhere(expansion):
     assert (lower <= optimum + slack).all()
     assert (cost <= upper).all()
     assert expansion.upper_bound_holds == 'everywhere'
-    assert np.mean(upper / cost) < 1.01
+    assert np.mean(upper / cost) < 1.015
     certificate = expansion.certificate
     assert (certificate.coverage, certificate.confidence) == (1, 1)
     gap = np.mean(cost / lower - 1)
@@ -84,7 +84,7 @@ def test_nothing_is_certified_unasked():
     mission = mission_from_dict(case_study(1, 2), 'test')
     for policy in (
         build_policy(mission, 'highest_priority'),
-        build_policy(mission, order=1, certificate=False),
+        build_policy(mission, 'expansion', order=1, certificate=False),
     ):
         assert policy.certificate is None
         assert np.isinf(policy.upper_bound(policy.space.states([0]))).all()

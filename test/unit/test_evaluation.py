@@ -82,7 +82,7 @@ def test_the_best_policy_costs_the_optimum():
 
 
 def test_a_worse_policy_costs_what_was_measured_apart():
-    """Mean loss of `split` 4.5 %, the largest 49 %."""
+    """Mean loss of `split` 5.8 %, the largest 45 %."""
     mission = mission_from_dict(case_study(), 'test')
     sub = whole_mission(mission)
     exact, split = build_policy(mission), build_policy(mission, 'split')
@@ -90,8 +90,8 @@ def test_a_worse_policy_costs_what_was_measured_apart():
     cost = evaluate(sub, tabulate(sub, split.act), 1e-6).state_values(states)
     loss = cost / exact.part_values(states)[:, 0] - 1
     assert loss.min() >= -1e-9
-    assert loss.mean() == pytest.approx(0.045, abs=5e-4)
-    assert loss.max() == pytest.approx(0.49, abs=5e-3)
+    assert loss.mean() == pytest.approx(0.058, abs=5e-4)
+    assert loss.max() == pytest.approx(0.45, abs=5e-3)
 
 
 def test_blocks_and_threads_change_no_bit(monkeypatch):
@@ -123,7 +123,7 @@ def test_representatives_stand_where_their_entries_are(monkeypatch, goals):
         (0, [1, 1, 1, 0, 0, 0, 0]),
         (9, [1, 1, 1, 0, 0, 0, 0]),
         (257, [1, 1, 1, 0, 0, 0, 0]),
-        (5, [1, 1, 1, 5, 1, 0, 0]),
+        (5, [1, 1, 1, 5, 0, 0, 0]),
     ],
 )
 def test_actions_that_are_not_allowed(action, state):

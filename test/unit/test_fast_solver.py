@@ -38,7 +38,7 @@ def backups(sub, count, dtype=np.float64, threads=1):
 
 
 @pytest.mark.parametrize('dtype', [np.float32, np.float64])
-@pytest.mark.parametrize('block', [1 << 7, 1 << 10, 1 << 13])
+@pytest.mark.parametrize('block', [1 << 7, 1 << 10, 1 << 12])
 @pytest.mark.parametrize(
     'document',
     [
@@ -225,4 +225,4 @@ def test_tables_are_kept_for_small_missions_only():
     assert [LookAhead.tabulates(whole(many_goals(k))) for k in range(1, 7)] == [True] * 4 + [
         False
     ] * 2
-    assert look_ahead.TABLES * 8 * 8 < 1 << 26
+    assert look_ahead.TABLED_ENTRIES * 8 * 8 < 1 << 26

@@ -28,10 +28,11 @@ from uav_mission_manager.policy.workers import Task, Workers, workers
 from uav_mission_manager.solver import memory
 from uav_mission_manager.solver.bounds import covering, lower_bound
 from uav_mission_manager.solver.decomposition.decompose import decompose
+from uav_mission_manager.solver.decomposition.plan import Plan
 from uav_mission_manager.solver.exact import LookAhead, solve_blocks, value_iteration
 from uav_mission_manager.solver.exact.memory import needed_bytes
 from uav_mission_manager.solver.exact.value_iteration import PRECISIONS
-from uav_mission_manager.solver.expansion import Clusters, fit_expansion
+from uav_mission_manager.solver.expansion import Clusters, Expansion, fit_expansion
 from uav_mission_manager.solver.progress import Progress, Report, ignore
 from uav_mission_manager.solver.submdp import state_count, whole_mission
 from uav_mission_manager.solver.threads import processors
@@ -230,7 +231,6 @@ def _expansion(job: Job) -> ExpansionPolicy:
     mission = job.mission
     max_states = job.max_states or state_count(min(job.order, mission.k), mission.grid.q, 8)
     clusters = Clusters.up_to(mission, job.order, max_states)
-    plan = decompose(mission, max_states, 'clusters')
     with workers(job.jobs or 1, job.scheduler) as pool:
         fit = partial(fit_expansion, mission, clusters)
         names = ['fit of the expansion']
@@ -240,10 +240,18 @@ def _expansion(job: Job) -> ExpansionPolicy:
             names.append('lower bound')
             tasks.append(partial(lower_bound, mission, covering(mission, max_states)))
         results = _run(job, pool, names, tasks)
-        policy = ExpansionPolicy(plan, results[0])
+        policy = ExpansionPolicy(_plan(results[0], max_states), results[0])
         if certified:
             policy.certificate = certify(policy, results[1], pool)
     return policy
+
+
+def _plan(expansion: Expansion, max_states: int) -> Plan:
+    """Score the clusters of an expansion, all of which are used."""
+    mission, groups = expansion.mission, expansion.clusters.groups
+    goals = [cluster for group in groups for cluster in group.clusters]
+    clusters = list(zip(goals, expansion.clusters.states(mission)))
+    return decompose(mission, max_states, 'clusters', overlap=1.0, clusters=clusters)
 
 
 def _recombined(method: str, job: Job) -> RecombinedPolicy:

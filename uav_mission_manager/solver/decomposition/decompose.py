@@ -14,6 +14,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy import sparse
@@ -42,6 +43,7 @@ def decompose(
     weights: Sequence[float] = (1.0, 1.0, 1.0),
     overlap: float = 0.5,
     merge_score: float = 0.0,
+    clusters: Sequence[tuple[tuple[int, ...], int]] | None = None,
 ) -> Plan:
     """Decompose a mission into sub-MDPs of at most `max_states` states (Algorithm 1).
 
@@ -61,6 +63,9 @@ def decompose(
         to one of a higher score, unless nothing else covers a state.
     merge_score : float
         Score that merged goals must exceed.
+    clusters : sequence of (goals, states), optional
+        Candidates of kind 'clusters' in place of single and merged goals: their goals, from 0,
+        and how many states the sub-MDPs have in which these are looked at.
 
     Raises
     ------
@@ -69,7 +74,11 @@ def decompose(
     """
     _check(max_states, kind, weights, overlap, merge_score)
     maker = _Candidates(mission, max_states, weights, merge_score)
-    parts = [part for make in KINDS[kind] for part in make(maker) if part.states <= max_states]
+    if kind == 'clusters' and clusters is not None:
+        candidates = [maker.cluster(goals, states) for goals, states in clusters]
+    else:
+        candidates = [part for make in KINDS[kind] for part in make(maker)]
+    parts = [part for part in candidates if part.states <= max_states]
     names = [goal.name for goal in mission.goals]
     parts.sort(
         key=lambda part: (
@@ -112,6 +121,12 @@ class _Candidates:
                 if chosen not in merged:
                     merged[chosen] = self._part('mixed', chosen, self.cells, ALL_FAULT_MODES)
         return [part for part in merged.values() if part.score > self.merge_score]
+
+    def cluster(self, goals: tuple[int, ...], states: int) -> Part:
+        """Goals looked at together, in less than full detail where that makes fewer states."""
+        kind = 'goal' if len(goals) == 1 else 'mixed'
+        part = self._part(kind, goals, self.cells, ALL_FAULT_MODES)
+        return replace(part, states=states, cost=states * (2 * self.mission.k + 4))
 
     def locations(self) -> list[Part]:
         return self._blocks(8)
