@@ -305,7 +305,7 @@ BUILDERS: dict[str, Callable[[Job], Policy]] = {
 METHODS = tuple(BUILDERS)
 """Methods of `build_policy`."""
 
-KINDS: dict[str, type[Policy]] = {
+POLICY_KINDS: dict[str, type[Policy]] = {
     'exact': ExactPolicy,
     'expansion': ExpansionPolicy,
     **dict.fromkeys(RECOMBINATIONS, RecombinedPolicy),
@@ -327,7 +327,7 @@ def load_policy(directory: str | Path, mission: Mission | None = None) -> Policy
         If it is broken or for another mission.
     """
     contents, digest = read_policy_set(Path(directory))
-    if contents.method not in KINDS:
+    if contents.method not in POLICY_KINDS:
         raise PolicyError(f'{directory}: method: {contents.method!r} is unknown')
     if mission is not None:
         for what, wanted in _geography(mission).items():
@@ -335,7 +335,7 @@ def load_policy(directory: str | Path, mission: Mission | None = None) -> Policy
             if found != wanted:
                 raise PolicyError(f'{directory}: mission.{what}: {found} are not {wanted}')
     try:
-        return KINDS[contents.method].from_set(contents, digest)
+        return POLICY_KINDS[contents.method].from_set(contents, digest)
     except PolicyError as error:
         raise PolicyError(f'{directory}: {error}') from error
 

@@ -51,7 +51,7 @@ class Decision:
     reason: str
 
 
-def decide(
+def explain(
     mission: Mission,
     actions: Sequence[Action],
     state: list[int],

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from uav_mission_manager.mdp import Mission, StateSpace, global_actions
 from uav_mission_manager.mdp.arrays import FloatArray, IntArray
 from uav_mission_manager.policy.certificate import Certificate
-from uav_mission_manager.policy.decision import Decision, decide
+from uav_mission_manager.policy.decision import Decision, explain
 from uav_mission_manager.policy.store import PolicySet, write_policy_set
 from uav_mission_manager.solver.decomposition.plan import Plan
 from uav_mission_manager.solver.evaluation.simulation import ControlVariate
@@ -172,7 +172,7 @@ class Policy(ABC):
         number = int(self.choose_from(row, values[None])[0])
         bounds = (float(bound[0]) for bound in self._bounds(row, values.min(keepdims=True)))
         actions = global_actions(self.mission)
-        return decide(self.mission, actions, row[0].tolist(), number, values, *bounds)
+        return explain(self.mission, actions, row[0].tolist(), number, values, *bounds)
 
     def choose_from(self, rows: IntArray, q_values: FloatArray) -> IntArray:
         """Action numbers of valid states of which the Q values are known, shape (N,)."""
