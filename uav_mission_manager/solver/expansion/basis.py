@@ -248,15 +248,19 @@ class Basis:
         return self._features(self._look_up(self._now, x), dtype)[0]
 
     def expected(
-        self, x: IntArray, outcomes: Sequence[Outcome], dtype: DTypeLike = np.float64
+        self,
+        x: IntArray,
+        outcomes: Sequence[Outcome],
+        dtype: DTypeLike = np.float64,
+        features: IndexArray | slice = slice(None),
     ) -> RealArray:
-        """Expected features after an epoch from x (N, k), shape (outcomes, P, N)."""
+        """Expected features after an epoch from x (N, k), all or some: (outcomes, P, N)."""
         chosen = [regime for regime, _ in outcomes]
         values = self._look_up(self._next[chosen], x)
         for position, (regime, goal) in enumerate(outcomes):
             if goal is not None:
                 values[position, goal] = self._completed[regime][x[:, goal]].T
-        return self._features(values, dtype)
+        return self._features(values, dtype, features)
 
     @cached_property
     def of_goal(self) -> list[IndexArray]:
@@ -269,11 +273,14 @@ class Basis:
         """Values (outcomes, k, functions, N) of a table (outcomes, k, 6, functions)."""
         return table[:, np.arange(x.shape[1]), x].transpose(0, 2, 3, 1)
 
-    def _features(self, values: FloatArray, dtype: DTypeLike) -> RealArray:
+    def _features(
+        self, values: FloatArray, dtype: DTypeLike, features: IndexArray | slice = slice(None)
+    ) -> RealArray:
         """Products of the functions' values (outcomes, k, functions, N)."""
         flat = values.astype(dtype).reshape(len(values), -1, values.shape[-1])
-        out: RealArray = flat.take(self._index[0], axis=1)
-        for factor in self._index[1:]:
+        index = self._index[:, features]
+        out: RealArray = flat.take(index[0], axis=1)
+        for factor in index[1:]:
             out *= flat.take(factor, axis=1)
         return out
 

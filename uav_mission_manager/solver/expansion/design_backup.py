@@ -11,19 +11,25 @@ products, and with them the bits of the result, do not depend on how many thread
 
 from __future__ import annotations
 
-import numpy as np
+from operator import itemgetter
+from typing import Any
 
-from uav_mission_manager.mdp.arrays import IndexArray, IntArray, RealArray
+import numpy as np
+from numpy.typing import DTypeLike
+
+from uav_mission_manager.mdp.arrays import IntArray, RealArray
 from uav_mission_manager.mdp.dynamics import Regime
 from uav_mission_manager.solver import threads
 from uav_mission_manager.solver.expansion.basis import Basis, Outcome
-from uav_mission_manager.solver.reduced import ReducedMission
 
 BLOCK_POINTS = 512
-"""Design points of a block."""
+"""Design points of a block: measured, from here on matrix products are at full speed."""
+
+Arrival = tuple[int, int, int | None]
+"""Regime, cell, and the goal that may be completed or None."""
 
 Coefficients = dict[int, RealArray]
-"""Coefficients (q, 3, 8, P) of the discounted expectation over t' and f', of each regime."""
+"""Coefficients of the discounted expectation over t' and f', (q, 3, 8, P), of each regime."""
 
 
 class DesignBackup:
@@ -33,24 +39,30 @@ class DesignBackup:
     ----------
     basis : Basis
     x : int array (M, k)
+    dtype : numpy type
+        Of all arithmetic.
     """
 
-    def __init__(self, basis: Basis, x: IntArray) -> None:
-        self.basis, self.points = basis, len(x)
+    def __init__(self, basis: Basis, x: IntArray, dtype: DTypeLike) -> None:
+        self.points, self.dtype = len(x), np.dtype(dtype)
         reduced = basis.reduced
-        discount = reduced.sub.mission.discount
-        self._threat = reduced.threat.astype(np.float32)
-        self._faults = (discount * reduced.faults).astype(np.float32)
+        self._threat = reduced.threat.astype(dtype)
+        self._faults = (reduced.sub.mission.discount * reduced.faults).astype(dtype)
         starts = range(0, len(x), BLOCK_POINTS)
         self._slices = [slice(start, start + BLOCK_POINTS) for start in starts]
-        self._blocks = [_Block(basis, x[part]) for part in self._slices]
+        blocks = threads.share(
+            lambda _, part: (part.start, _Block(basis, x[part], self.dtype)),
+            self._slices,
+            threads.processors(),
+        )
+        self._blocks = [block for _, block in sorted(blocks, key=itemgetter(0))]
 
     def __call__(self, theta: RealArray) -> RealArray:
         """Return T W, shape (q, 3, 8, M), of theta over cell, t, f and feature."""
         q = len(theta)
         later = (self._threat @ theta.reshape(q, 3, -1)).reshape(theta.shape)
-        coefficients = {int(r): self._faults[r] @ later for r in Regime}
-        out = np.empty((*theta.shape[:3], self.points), np.float32)
+        coefficients = {int(regime): self._faults[regime] @ later for regime in Regime}
+        out = np.empty((*theta.shape[:3], self.points), self.dtype)
 
         def back_up(thread: int, block: int) -> None:
             self._blocks[block](coefficients, out[..., self._slices[block]])
@@ -66,46 +78,46 @@ class _Block:
     ----------
     basis : Basis
     x : int array (m, k)
+    dtype : numpy type
     """
 
-    def __init__(self, basis: Basis, x: IntArray) -> None:
+    def __init__(self, basis: Basis, x: IntArray, dtype: np.dtype[Any]) -> None:
         reduced = self.reduced = basis.reduced
-        outcomes: list[Outcome] = [(r, None) for r in Regime if r != Regime.REPAIRED]
-        features = basis.expected(x, outcomes, np.float32)
-        self.expected = {int(regime): table for (regime, _), table in zip(outcomes, features)}
+        outcomes: list[Outcome] = [(int(r), None) for r in Regime if r != Regime.REPAIRED]
+        features = basis.expected(x, outcomes, dtype)
+        self.expected = {regime: table for (regime, _), table in zip(outcomes, features)}
         # A repair moves the goals as staying on the ground does.
-        self.expected[Regime.REPAIRED] = self.expected[Regime.PARKED]
-        self.price = reduced.price[..., None, None].astype(np.float32)
-        self.completion = reduced.completion[:, None].astype(np.float32)
+        self.expected[int(Regime.REPAIRED)] = self.expected[Regime.PARKED]
+        self.price = reduced.price[..., None, None].astype(dtype)
+        self.completion = reduced.completion[:, None].astype(dtype)
         self.of_goal = basis.of_goal
-        self.gains = {
-            (regime, goal): self._gain(basis, x, regime, goal)
-            for regime, goal in sorted(_completions(reduced))
-        }
-        self.arrivals = [self._arrivals(cell, x) for cell in range(reduced.q)]
+        self.gains = self._gains(basis, x)
+        self.arrivals = [self._arrivals(cell, x, dtype) for cell in range(reduced.q)]
         goals = reduced.goal_costs[np.arange(reduced.n), x].sum(axis=1)
-        self.costs = (reduced.fault_costs[:, None] + goals).astype(np.float32)
+        self.costs = (reduced.fault_costs[:, None] + goals).astype(dtype)
 
     def __call__(self, coefficients: Coefficients, out: RealArray) -> None:
         """Write T W, shape (q, 3, 8, m)."""
         ahead = {regime: self._ahead(regime, coefficients[regime]) for regime in self.expected}
         scratch = np.empty_like(out[0])
         out[:] = np.inf
-        for cell, arrivals in enumerate(self.arrivals):
+        for arrivals, least in zip(self.arrivals, out):
             for (regime, landing, goal), cost in arrivals.items():
-                arrived = ahead[regime][landing]
+                np.add(ahead[regime][landing], cost, out=scratch)
                 if goal is not None:
-                    arrived = arrived + self._gained(regime, goal, coefficients[regime][landing])
-                np.add(arrived, cost, out=scratch)
-                np.minimum(out[cell], scratch, out=out[cell])
-            out[cell] += self.costs
+                    scratch += self._gained(regime, goal, coefficients[regime][landing])
+                np.minimum(least, scratch, out=least)
+            least += self.costs
 
-    def _ahead(self, regime: int, coefficients: RealArray) -> RealArray:
-        """Discounted E[V'] on arrival in each cell, nothing completed, (q, 3, 8, m)."""
-        table = coefficients.reshape(-1, coefficients.shape[-1]) @ self.expected[regime]
-        out = table.reshape(*coefficients.shape[:3], -1)
-        out += self.price[int(regime == Regime.AGILE_FLIGHT)]
-        return out
+    def _ahead(self, regime: int, coefficients: RealArray) -> dict[int, RealArray]:
+        """Discounted E[V'], nothing completed, (3, 8, m) by the cells it may lead to."""
+        regimes, landings = self.reduced.regimes, self.reduced.landings
+        cells = np.unique(landings[regimes == regime])
+        chosen = coefficients[cells]
+        table = chosen.reshape(-1, chosen.shape[-1]) @ self.expected[regime]
+        out = table.reshape(*chosen.shape[:3], -1)
+        out += self.price[int(regime == Regime.AGILE_FLIGHT), cells]
+        return dict(zip(cells.tolist(), out))
 
     def _gained(self, regime: int, goal: int, coefficients: RealArray) -> RealArray:
         """What the chance to complete a goal adds to the discounted E[V'], (3, 8, m)."""
@@ -113,28 +125,25 @@ class _Block:
         gain = part.reshape(-1, part.shape[-1]) @ self.gains[regime, goal]
         return self.completion * gain.reshape(*part.shape[:2], -1)
 
-    def _gain(self, basis: Basis, x: IntArray, regime: int, goal: int) -> RealArray:
+    def _gains(self, basis: Basis, x: IntArray) -> dict[Outcome, RealArray]:
         """What the features that look at a goal gain where it is completed, (P_j, m)."""
-        completed = basis.expected(x, [(regime, goal)], np.float32)[0]
-        members = self.of_goal[goal]
-        return completed[members] - self.expected[regime][members]
+        reduced, gains = self.reduced, dict[Outcome, RealArray]()
+        for action, cell in np.argwhere(reduced.completes).tolist():
+            outcome = int(reduced.regimes[action, cell]), int(reduced.slots[action])
+            members = self.of_goal[outcome[1]]
+            before = self.expected[outcome[0]][members]
+            gains[outcome] = basis.expected(x, [outcome], before.dtype, members)[0] - before
+        return gains
 
-    def _arrivals(self, cell: int, x: IntArray) -> dict[tuple[int, int, int | None], RealArray]:
-        """Least cost (8, m) of the actions by regime, landing and the goal they may complete."""
+    def _arrivals(self, cell: int, x: IntArray, dtype: np.dtype[Any]) -> dict[Arrival, RealArray]:
+        """Least cost (8, m) of the actions of each arrival from a cell."""
         reduced, costs = self.reduced, self.reduced.action_costs(cell, x)
-        arrivals: dict[tuple[int, int, int | None], list[int]] = {}
+        arrivals: dict[Arrival, list[int]] = {}
         for action in range(len(costs)):
             goal = int(reduced.slots[action]) if reduced.completes[action, cell] else None
-            arrival = int(reduced.regimes[action, cell]), int(reduced.landings[action, cell])
-            arrivals.setdefault((*arrival, goal), []).append(action)
+            regime, landing = reduced.regimes[action, cell], reduced.landings[action, cell]
+            arrivals.setdefault((int(regime), int(landing), goal), []).append(action)
         return {
-            arrival: costs[actions].min(axis=0).astype(np.float32)
+            arrival: costs[actions].min(axis=0).astype(dtype)
             for arrival, actions in arrivals.items()
         }
-
-
-def _completions(reduced: ReducedMission) -> set[tuple[int, int]]:
-    """Regimes in which goals may be completed."""
-    actions, cells = np.nonzero(reduced.completes)
-    slots: IndexArray = reduced.slots[actions]
-    return set(zip(reduced.regimes[actions, cells].tolist(), slots.tolist()))

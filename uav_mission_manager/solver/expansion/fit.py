@@ -18,12 +18,16 @@ the policy is judged by its certificate, not by the fit.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import DTypeLike
+from scipy.linalg import lapack
 
-from uav_mission_manager.mdp.arrays import IntArray, RealArray
+from uav_mission_manager.mdp.arrays import FloatArray, IntArray, RealArray
 from uav_mission_manager.mdp.mission import Mission
+from uav_mission_manager.solver import threads
 from uav_mission_manager.solver.expansion.basis import LIKELIHOOD, Basis, Clusters
 from uav_mission_manager.solver.expansion.design_backup import DesignBackup
 from uav_mission_manager.solver.progress import Progress, Report, ignore, share_of_decades
@@ -52,6 +56,17 @@ RUNAWAY = 3.0
 FIRST = 256
 """Features of a first fit, at most. What it has found is where the whole one starts from, whose
 sweeps are long."""
+
+
+SUMMED_POINTS = 2048
+"""Design points over which inner products are summed up in single precision, and not more."""
+
+PANEL = 512
+"""Features that a thread works on at a time."""
+
+RIDGE = 1e-9
+"""Added to the diagonal of the inner products: keeps a design without some pair of x_j from
+blowing up."""
 
 
 @dataclass(frozen=True)
@@ -149,12 +164,13 @@ def _fit(
 ) -> Expansion | None:
     """Fit in the design points x, from another expansion; None where that runs away."""
     mission, basis = reduced.sub.mission, Basis(reduced, clusters)
-    theta: RealArray = np.zeros((reduced.q, 3, 8, basis.size), np.float32)
+    dtype = np.dtype(np.float32)
+    theta: RealArray = np.zeros((reduced.q, 3, 8, basis.size), dtype)
     iterations = 0
     if start is not None:
         theta = basis.embed(start.theta, Basis(reduced, start.clusters))
         iterations = start.iterations
-    backup, fit = DesignBackup(basis, x), LeastSquares(basis, x)
+    backup, fit = DesignBackup(basis, x, dtype), LeastSquares(basis, x, dtype)
     present: RealArray = theta @ fit.now
     last, first = iterations + max_iterations, 0.0
     while True:
@@ -170,7 +186,7 @@ def _fit(
         progress(Report(iterations, done, text))
         if not converged and not relative <= RUNAWAY * first:
             return None
-        shift = np.float32(bounds.middle)
+        shift = dtype.type(bounds.middle)
         theta = fit(values)
         theta[..., 0] += shift
         present = values + shift
@@ -201,26 +217,53 @@ class LeastSquares:
     ----------
     basis : Basis
     x : int array (M, k)
+    dtype : numpy type
 
     Attributes
     ----------
-    now : float32 array (P, M)
+    now : float array (P, M)
         The features in the design points.
     """
 
-    def __init__(self, basis: Basis, x: IntArray) -> None:
-        self.now = basis.now(x, np.float32)
+    def __init__(self, basis: Basis, x: IntArray, dtype: DTypeLike) -> None:
+        size = basis.size
+        self.now = np.empty((size, len(x)), dtype)
         complete = len(x) == X_VALUES ** x.shape[1]
         weights = LIKELIHOOD[x].prod(axis=1) if complete else np.full(len(x), 1 / len(x))
-        self.weighted = (self.now * weights.astype(np.float32)).T
-        # In single precision the sum over the points is not good enough.
-        root = self.now * np.sqrt(weights)
-        gram = root @ root.T
-        # The least that keeps a design without some pair of x_j from blowing up.
-        gram[np.diag_indices_from(gram)] += 1e-9
-        self.inverse = np.linalg.inv(gram).astype(np.float32)
+        self.weights = weights.astype(dtype)
+        for start in range(0, len(x), SUMMED_POINTS):
+            part = slice(start, start + SUMMED_POINTS)
+            self.now[:, part] = basis.now(x[part], dtype)
+        self._panels = [slice(start, start + PANEL) for start in range(0, size, PANEL)]
+        gram = np.zeros((size, size))
+        self._share(lambda panel: self._add_products(gram, panel))
+        gram[np.diag_indices_from(gram)] += RIDGE
+        factor, _ = lapack.dpotrf(gram, lower=True, overwrite_a=True)
+        inverse, _ = lapack.dpotri(factor, lower=True, overwrite_c=True)
+        self.inverse = (np.tril(inverse) + np.tril(inverse, -1).T).astype(dtype)
 
     def __call__(self, values: RealArray) -> RealArray:
         """Coefficients (..., P) for values (..., M)."""
         flat = values.reshape(-1, values.shape[-1])
-        return ((flat @ self.weighted) @ self.inverse).reshape(*values.shape[:-1], -1)
+        weighted = flat * self.weights
+        moments, out = np.empty((2, len(flat), len(self.now)), values.dtype)
+
+        def project(panel: slice) -> None:
+            np.matmul(weighted, self.now[panel].T, out=moments[:, panel])
+
+        def solve(panel: slice) -> None:
+            np.matmul(moments, self.inverse[:, panel], out=out[:, panel])
+
+        self._share(project)
+        self._share(solve)
+        return out.reshape(*values.shape[:-1], -1)
+
+    def _add_products(self, gram: FloatArray, panel: slice) -> None:
+        """Inner products of some features with those up to them, summed in double precision."""
+        for start in range(0, self.now.shape[1], SUMMED_POINTS):
+            part = slice(start, start + SUMMED_POINTS)
+            left = self.now[panel, part] * self.weights[part]
+            gram[panel, : panel.stop] += left @ self.now[: panel.stop, part].T
+
+    def _share(self, work: Callable[[slice], None]) -> None:
+        threads.share(lambda _, panel: work(panel), self._panels, threads.processors())
