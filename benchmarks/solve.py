@@ -1,9 +1,9 @@
 """How fast and how small the exact solver is, beside other solvers and the paper.
 
-    make bench                      one to six goals, peers for one and two; some minutes
-    make bench ARGS='--goals 8'     up to eight goals; half an hour, 16 GiB
+    make bench SCRIPTS=benchmarks/solve.py                     one to seven goals, peers for two
+    make bench SCRIPTS=benchmarks/solve.py ARGS='--goals 8'    eight goals too
 
-Writes docs/benchmarks.md and docs/scaling.svg.
+Writes benchmarks.md and scaling.svg. About a quarter of an hour on two idle processors.
 """
 
 from __future__ import annotations
@@ -11,24 +11,30 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from pathlib import Path
 from typing import Any
 
+from parts import pages, report
 from parts.measure import apart, measure
 from parts.peers import PEERS
-from parts.report import draw, write
 
-DOCS = Path(__file__).resolve().parents[1] / 'docs'
+EXPLICIT_GOALS = (1, 2)
+"""Numbers of goals whose transition matrices fit in memory."""
+
+PRECISION_GOALS = 6
+"""Most goals that are solved in every precision; more in the default one alone."""
+
+REPEATED_GOALS = 5
+"""Most goals that are solved several times in every precision; one more in the default one."""
 
 
 def main() -> int:
     """Run the benchmark."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = pages.parser(__doc__.splitlines()[0])
     parser.add_argument(
         '--goals',
         type=int,
         choices=range(4, 9),
-        default=6,
+        default=7,
         help='most goals, 4 to 8; default: %(default)s',
     )
     parser.add_argument('--repeats', type=int, default=5, help='of each; default: %(default)s')
@@ -39,39 +45,48 @@ def main() -> int:
         print(json.dumps(measure(*json.loads(options.measure))))
         return 0
     found = _run(options)
-    write(found, DOCS / 'benchmarks.md')
-    draw(found, DOCS / 'scaling.svg')
+    print(report.before_and_now(found))
+    folder = pages.folder(options)
+    pages.publish(folder / 'benchmarks.md', 'Benchmarks', report.sections(found))
+    report.draw(found, folder / 'scaling.svg')
     return 0
 
 
 def _run(options: argparse.Namespace) -> dict[str, Any]:
     """All measurements, one process after the other."""
-    found: dict[str, Any] = {'machine': _measure('machine', 300)}
-    for precision in ('mixed', 'double', 'single'):
-        found[precision] = {
-            k: _measure(
-                'ours',
-                36_000,
-                k=k,
-                precision=precision,
-                repeats=options.repeats if k < 6 or (k == 6 and precision == 'mixed') else 1,
-            )
-            for k in range(1, options.goals + 1)
-            if k <= 6 or precision == 'mixed'
-        }
-    found['goal wise'] = _measure('goal wise', 300, k=3, repeats=options.repeats)
-    found['peers'] = {
-        (name, k): _measure('peer', options.timeout, k=k, name=name, repeats=options.repeats)
-        for k in (1, 2)
-        for name in PEERS
+    return {
+        'speeds': _measure('speeds', 300),
+        **{precision: _ours(precision, options) for precision in ('mixed', 'double', 'single')},
+        'goal wise': _measure('goal wise', 300, k=3, repeats=options.repeats),
+        'peers': {
+            (name, k): _measure('peer', options.timeout, k=k, name=name, repeats=options.repeats)
+            for k in EXPLICIT_GOALS
+            for name in PEERS
+        },
+        'compiled': {
+            (k, dtype): _measure('compiled', 300, k=k, dtype=dtype)
+            for k in (3, 5)
+            for dtype in ('float64', 'float32')
+        },
+        'alternatives': {k: _measure('alternatives', 900, k=k) for k in EXPLICIT_GOALS},
     }
-    found['compiled'] = {
-        (k, dtype): _measure('compiled', 300, k=k, dtype=dtype)
-        for k in (3, 5)
-        for dtype in ('float64', 'float32')
+
+
+def _ours(precision: str, options: argparse.Namespace) -> dict[int, dict[str, Any]]:
+    """The exact solver in one precision, by number of goals."""
+    default = precision == 'mixed'
+    most = options.goals if default else min(options.goals, PRECISION_GOALS)
+    repeated = REPEATED_GOALS + default
+    return {
+        k: _measure(
+            'ours',
+            36_000,
+            k=k,
+            precision=precision,
+            repeats=options.repeats if k <= repeated else 1,
+        )
+        for k in range(1, most + 1)
     }
-    found['alternatives'] = {k: _measure('alternatives', 900, k=k) for k in (1, 2)}
-    return found
 
 
 def _measure(what: str, timeout: float, **arguments: Any) -> dict[str, Any]:

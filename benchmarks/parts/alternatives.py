@@ -12,14 +12,12 @@ from collections import deque
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from parts.explicit import Explicit
 from parts.peers import TOLERANCE
-
-Values = NDArray[np.float64]
+from uav_mission_manager.mdp.arrays import FloatArray, IndexArray
 
 
 class Counted:
@@ -30,7 +28,7 @@ class Counted:
         self.gain = model.discount / (1 - model.discount)
         self.n = len(model.states)
 
-    def backup(self, value: Values) -> tuple[Values, NDArray[np.intp]]:
+    def backup(self, value: FloatArray) -> tuple[FloatArray, IndexArray]:
         """T V and its policy."""
         self.sweeps += 1
         model = self.model
@@ -38,11 +36,11 @@ class Counted:
         q = model.cost + model.discount * q
         return q.min(axis=1), q.argmin(axis=1)
 
-    def done(self, change: Values) -> bool:
+    def done(self, change: FloatArray) -> bool:
         """Whether the bounds meet the tolerance."""
         return bool(self.gain * np.ptp(change) / 2 <= TOLERANCE)
 
-    def policy(self, actions: NDArray[np.intp]) -> csr_matrix:
+    def policy(self, actions: IndexArray) -> csr_matrix:
         """Transition matrix of a policy."""
         total = csr_matrix((self.n, self.n))
         for action, matrix in enumerate(self.model.transitions):
@@ -89,7 +87,7 @@ def policy_iteration_gmres(mdp: Counted) -> None:
             return
         matrix = mdp.policy(actions)
 
-        def apply(x: Values, matrix: csr_matrix = matrix) -> Values:
+        def apply(x: FloatArray, matrix: csr_matrix = matrix) -> FloatArray:
             mdp.sweeps += 1
             return x - mdp.model.discount * (matrix @ x)
 
@@ -103,8 +101,8 @@ def anderson(memory: int, start: int) -> Callable[[Counted], None]:
 
     def run(mdp: Counted) -> None:
         value = np.zeros(mdp.n)
-        images: deque[Values] = deque(maxlen=memory + 1)
-        changes: deque[Values] = deque(maxlen=memory + 1)
+        images: deque[FloatArray] = deque(maxlen=memory + 1)
+        changes: deque[FloatArray] = deque(maxlen=memory + 1)
         while True:
             new, _ = mdp.backup(value)
             change = new - value
@@ -131,7 +129,7 @@ def gauss_seidel(descending: bool) -> Callable[[Counted], None]:
 
     def run(mdp: Counted) -> None:
         model, value = mdp.model, np.zeros(mdp.n)
-        cells = model.states[:, -4]
+        cells = model.space.split(model.states).l
         order = sorted(set(cells.tolist()), reverse=descending)
         rows = [np.flatnonzero(cells == cell) for cell in order]
         parts = [[matrix[chosen] for matrix in model.transitions] for chosen in rows]

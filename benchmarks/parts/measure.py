@@ -16,23 +16,22 @@ import numpy as np
 from parts.alternatives import ALTERNATIVES, Counted
 from parts.compiled import compiled
 from parts.explicit import explicit
-from parts.machine import machine
+from parts.machine import speeds
 from parts.missions import case_study
 from parts.peers import PEERS, TOLERANCE
 from uav_mission_manager.mdp import Mission
-from uav_mission_manager.solver import (
-    BellmanOperator,
-    LookAhead,
-    goal_sub_mdps,
-    value_iteration,
-    whole_mission,
-)
+from uav_mission_manager.mdp.arrays import FloatArray, IntArray
+from uav_mission_manager.solver.exact import AxisModel, LookAhead, value_iteration
+from uav_mission_manager.solver.submdp import goal_sub_mdps, whole_mission
 
-LIMIT = 12 << 30
-"""Bytes of address space that another solver may take."""
+PEER_MEMORY = 12 << 30
+"""Address space that another solver may take [bytes]."""
 
-CHECKED = 10_000
+CHECKED_STATES = 10_000
 """States in which a result is checked."""
+
+SINGLE_TOLERANCE = 1e-3
+"""Tolerance of float32 alone, which rounding keeps from a smaller one, in cost."""
 
 
 def apart(what: str, timeout: float, **arguments: Any) -> dict[str, Any]:
@@ -55,21 +54,22 @@ def measure(what: str, arguments: dict[str, Any]) -> dict[str, Any]:
         'peer': peer,
         'goal wise': goal_wise,
         'alternatives': alternatives,
-        'machine': machine,
+        'speeds': speeds,
         'compiled': compiled,
     }[what](**arguments)
 
 
-def ours(k: int, precision: str, repeats: int, threads: int | None = None) -> dict[str, Any]:
+def ours(k: int, precision: str, repeats: int) -> dict[str, Any]:
     """The exact solver, the set-up of its tables included."""
     sub = whole_mission(case_study(k))
-    tolerance = TOLERANCE if precision != 'single' else 1e-3
+    tolerance = SINGLE_TOLERANCE if precision == 'single' else TOLERANCE
     before = _peak()
     solution, seconds = _timed(
-        lambda: value_iteration(sub, tolerance, precision=precision, threads=threads), repeats
+        lambda: value_iteration(sub, tolerance, precision=precision), repeats
     )
     return {
         'states': sub.states,
+        'entries': sub.entries,
         'seconds': seconds,
         'memory': _peak() - before,
         'sweeps': solution.iterations,
@@ -87,7 +87,7 @@ def goal_wise(k: int, repeats: int) -> dict[str, Any]:
 
 def peer(k: int, name: str, repeats: int) -> dict[str, Any]:
     """Another solver; its model is built before the clock runs, but counted in its memory."""
-    resource.setrlimit(resource.RLIMIT_AS, (LIMIT, LIMIT))
+    resource.setrlimit(resource.RLIMIT_AS, (PEER_MEMORY, PEER_MEMORY))
     mission = case_study(k)
     before = _peak()
     model = explicit(mission)
@@ -99,6 +99,7 @@ def peer(k: int, name: str, repeats: int) -> dict[str, Any]:
         raise SystemExit(f'wrong: V off by {off:.1e}, policy by {loss:.1e}')
     return {
         'states': len(model.states),
+        'matrix entries': sum(matrix.nnz for matrix in model.transitions),
         'seconds': seconds,
         'memory': memory,
         'sweeps': sweeps,
@@ -118,16 +119,18 @@ def alternatives(k: int) -> dict[str, int]:
     return counts
 
 
-def _check(mission: Mission, states: Any, value: Any, policy: Any) -> tuple[float, float]:
+def _check(
+    mission: Mission, states: IntArray, value: FloatArray | None, policy: IntArray
+) -> tuple[float, float]:
     """Distance of V from ours (0 where none is given), and what its actions lose in ours."""
-    chosen = np.random.default_rng(0).permutation(len(states))[:CHECKED]
+    chosen = np.random.default_rng(0).permutation(len(states))[:CHECKED_STATES]
     solution = value_iteration(whole_mission(mission), 1e-9)
-    operator = BellmanOperator(solution.sub)
-    q = LookAhead(operator, solution.value).q_values(states[chosen])
+    model = AxisModel(solution.sub)
+    q = LookAhead(model, solution.value).q_values(states[chosen])
     loss = q[np.arange(len(q)), policy[chosen] - 1] - q.min(axis=1)
     off = 0.0
     if value is not None:
-        exact = operator.state_values(solution.value, states[chosen])
+        exact = model.state_values(solution.value, states[chosen])
         off = float(np.abs(value[chosen] - exact).max())
     return off, float(loss.max())
 

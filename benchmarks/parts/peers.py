@@ -10,16 +10,18 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from parts.explicit import Explicit
+from uav_mission_manager.mdp.arrays import FloatArray, IntArray
 
 TOLERANCE = 1e-6
+"""Largest distance from V* that a solver is asked for, in cost."""
+
 NOT_ALLOWED = 1e5
 """Cost of actions that are not allowed, for solvers that must have all actions everywhere."""
 
-Result = tuple[NDArray[np.float64] | None, NDArray[np.int64], int | None]
+Result = tuple[FloatArray | None, IntArray, int | None]
 Solve = Callable[[], Result]
 
 

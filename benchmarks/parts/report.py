@@ -1,15 +1,18 @@
-"""docs/benchmarks.md and its picture, from what was measured."""
+"""The page benchmarks.md and its picture, from what was measured."""
 
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from parts.measure import median
+from parts.measure import SINGLE_TOLERANCE, median
+from parts.pages import DOCS, table
 from parts.peers import TOLERANCE
+from uav_mission_manager.solver.submdp import state_count
 
 PAPER_SECONDS = {
     1: 1.0,
@@ -28,31 +31,42 @@ PAPER_SECONDS = {
 PAPER_STATES = {4: '2.0e6'}
 """Table 1 where it is not right: 8 * 6^4 * 5 * 8 * 6 = 2,488,320."""
 
+INTRODUCTION = f"""\
+The mission is the case study with its first goals, from the fourth on with goals of the
+benchmark's own. V is found to within {TOLERANCE:g} in every state. Wall time is the median of
+several solves, of one solve from seven goals on. Memory is the peak above that of the interpreter
+with its imports. Each measurement runs in a process of its own."""
+
 Found = dict[str, Any]
 
 
 def states(k: int) -> int:
     """Number of states of the case study with k goals."""
-    return 8 * 6**k * (k + 1) * 8 * 6
+    return state_count(k, 8, 8)
 
 
-def write(found: Found, file: Path) -> None:
-    """Write the page."""
-    sections = [
-        _introduction(found['machine']),
+def sections(found: Found) -> list[str]:
+    """Sections of the page."""
+    return [
+        INTRODUCTION,
         _ours(found),
         _peers(found),
         _sweep(found),
         _alternatives(found['alternatives']),
         _paper(found),
     ]
-    file.parent.mkdir(exist_ok=True)
-    file.write_text('\n\n'.join(sections) + '\n', encoding='utf-8')
 
 
-def _table(head: list[str], rows: list[list[str]]) -> str:
-    lines = [head, ['---'] + ['---:'] * (len(head) - 1), *rows]
-    return '\n'.join(f'| {" | ".join(line)} |' for line in lines)
+def before_and_now(found: Found) -> str:
+    """Wall times of the exact solver in docs/benchmarks.md and measured now."""
+    page = (DOCS / 'benchmarks.md').read_text(encoding='utf-8')
+    before = dict(re.findall(r'^\| (\d) \| [\d,]+ \| \*\*(.+?)\*\* \|', page, re.MULTILINE))
+    rows = [
+        [str(k), before.get(str(k), ''), _seconds(median(ours))]
+        for k, ours in found['mixed'].items()
+        if 'seconds' in ours
+    ]
+    return table(['goals', 'docs/benchmarks.md', 'now'], rows)
 
 
 def _seconds(seconds: float) -> str:
@@ -66,18 +80,6 @@ def _seconds(seconds: float) -> str:
 
 def _mebibytes(memory: float) -> str:
     return f'{memory:,.0f} MiB' if memory >= 10 else f'{memory:.1f} MiB'
-
-
-def _introduction(machine: Found) -> str:
-    where = f'{machine["processors"]} processors ({machine["processor"]}), Python'
-    return f"""# Benchmarks
-
-Written by `make bench` (`benchmarks/solve.py`); the numbers below are of one run on
-{where} {machine['python']}, numpy {machine['numpy']}.
-The mission is the case study with its first goals, from the fourth on with goals of the
-benchmark's own; tolerance {TOLERANCE:g} on V, in every state. Wall time is the
-median of five solves, memory the peak above the interpreter with its imports, each measurement
-in its own process."""
 
 
 def _ours(found: Found) -> str:
@@ -116,12 +118,12 @@ def _ours(found: Found) -> str:
     ]
     return f"""## The exact solver
 
-*Wall* is the default, mixed precision: early sweeps in float32, the rest and the bounds in
-float64. *Plain float64* is value iteration without that, the reference. *float32 alone*
-(`--precision single`) stops at 1e-3 or where rounding stops it; its bound counts every rounding
-at its worst; the true error is below 1e-3 for one to four goals.
+*Wall* is the default, mixed precision: the first sweeps run in float32, the last ones in float64,
+and so do the bounds. *Plain float64* makes all sweeps in float64. *float32 alone*
+(`--precision single`) stops at {SINGLE_TOLERANCE:g} or where rounding stops it. Its bound assumes
+the worst of every rounding.
 
-{_table(head, rows)}"""
+{table(head, rows)}"""
 
 
 def _peers(found: Found) -> str:
@@ -139,17 +141,28 @@ def _peers(found: Found) -> str:
                 _mebibytes(peer['memory']),
                 str(peer['sweeps'] or ''),
                 f'{median(peer) / median(ours):,.0f} x',
-                f'{peer["memory"] / max(ours["memory"], 0.1):,.0f} x',
+                f'{peer["memory"] / max(ours["memory"], 1.0):,.0f} x',
             ]
         )
     head = ['solver', 'goals', 'wall', 'memory', 'iterations', 'time to ours', 'memory to ours']
     return f"""## Other solvers
 
-They need the transition matrices written out: 1 million entries for one goal, 58 million for
-two, 3e9 for three. Building these is not counted in their time, compiling neither. Each result
-is checked against ours first: V, where a solver returns it within a tolerance, and its policy.
+They need the transition matrices written out: {_count(found, 1)} entries for one goal,
+{_count(found, 2)} for two, some 3e9 for three. The time to build and to compile is not counted.
+Each result is checked against ours first: V, where a solver returns it to a tolerance, and the
+policy. Where ours takes less than 1 MiB, the last column counts 1 MiB.
 
-{_table(head, rows)}"""
+{table(head, rows)}"""
+
+
+def _count(found: Found, k: int) -> str:
+    """Entries of all transition matrices, in millions."""
+    counts = [
+        peer['matrix entries']
+        for (_, goals), peer in found['peers'].items()
+        if goals == k and 'error' not in peer
+    ]
+    return f'{counts[0] / 1e6:,.1f} million' if counts else 'too many'
 
 
 def _why(error: str) -> str:
@@ -157,15 +170,15 @@ def _why(error: str) -> str:
 
 
 def _sweep(found: Found) -> str:
-    machine, rows = found['machine'], []
+    speeds, rows = found['speeds'], []
     for k in (3, 4, 5, 6):
         for precision, size in (('double', 8), ('single', 4)):
             ours = found[precision].get(k, {})
             if 'seconds' not in ours:
                 continue
             a_sweep = median(ours) / ours['sweeps']
-            entries = (8 + k) * 24 * 6**k
-            copy = 2 * size * entries / machine['copy'] / 1e9
+            entries = ours['entries']
+            copy = 2 * size * entries / speeds['copy'] / 1e9
             rows.append(
                 [
                     str(k),
@@ -174,27 +187,27 @@ def _sweep(found: Found) -> str:
                     _seconds(a_sweep),
                     f'{1e9 * a_sweep / entries:.1f} ns',
                     f'{a_sweep / copy:.0f}',
-                    f'{a_sweep * machine[f"add in cache, float{8 * size}"] * 1e9 / entries:.0f}',
+                    f'{a_sweep * speeds[f"add in cache, float{8 * size}"] * 1e9 / entries:.0f}',
                 ]
             )
     head = ['goals', 'type', 'entries of W', 'a sweep', 'an entry', 'copies of W', 'adds in cache']
     return f"""## How far from the machine
 
-One processor adds {machine['add in cache, float64']:.1f}e9 float64 and
-{machine['add in cache, float32']:.1f}e9 float32 a second in cache; memory copies at
-{machine['copy']:.1f} GB/s; a matrix product makes {machine['product, float64']:.0f} GFLOP/s in
-float64 and {machine['product, float32']:.0f} in float32 on all processors. A sweep as so many
+One processor adds {speeds['add in cache, float64']:.1f}e9 float64 and
+{speeds['add in cache, float32']:.1f}e9 float32 a second in cache; memory copies at
+{speeds['copy']:.1f} GB/s; a matrix product makes {speeds['product, float64']:.0f} GFLOP/s in
+float64 and {speeds['product, float32']:.0f} in float32 on all processors. A sweep as so many
 copies of W in memory, and as so many elementwise additions of an entry in the cache of one
 processor:
 
-{_table(head, rows)}
+{table(head, rows)}
 
-A sweep needs some 100 elementwise operations an entry by its nature: 5 for each g_j and for t,
-1.5 in each mode for each r_j and each part that can fail, and the minimum over the actions. What
-is beyond that goes to transposing blocks, to short runs and, below three goals, to the calls
-themselves. Products with fused axes would take something off a sweep's expectations, by sums
-whose order differs from one BLAS to the next: policy sets would no longer have the same bytes
-everywhere, which the elementwise operations give (numpy 1.26 to 2.4, with and without AVX-512).
+A sweep needs many operations an entry by its nature, some 70 with three goals and 110 with six:
+5 for t and 5 for each g_j; 3 for each r_j and for each part that can fail; 3 for each action. The
+rest of the time goes to transposing blocks and to short runs; with one or two goals, to the calls
+themselves. Matrix products could take several axes at once. But each BLAS adds in another order,
+so policy sets would have other bytes on another machine. The elementwise operations used here give
+the same bytes everywhere.
 
 {_compiled(found['compiled'])}"""
 
@@ -211,14 +224,15 @@ def _compiled(found: Found) -> str:
         if 'error' not in half
     ]
     head = ['goals', 'type', 'numpy', 'compiled', 'compiling', 'same bits']
-    return f"""Compiled code can fuse what numpy must do array by array. The first half of a sweep,
-the expectation over t' and g' (numpy's with that on completion, the kernel without):
+    return f"""\
+Compiled code needs no array for each step. As a trial, numba compiles the first half of a sweep,
+the expectation over t' and g' (ours includes completed goals, the trial does not):
 
-{_table(head, rows)}
+{table(head, rows)}
 
-All of a sweep compiled that way should gain as much; this was not tried. The package stays with
-numpy, which every ROS installation has: one to four goals are solved sooner than such code is
-compiled, and six in less than a minute."""
+A whole sweep compiled in this way should gain as much; this was not tried. The package stays with
+numpy, which every ROS installation has. One to four goals are solved sooner than such code is
+compiled."""
 
 
 def _alternatives(found: Found) -> str:
@@ -226,22 +240,26 @@ def _alternatives(found: Found) -> str:
         [name, *(str(counts.get(name, counts.get('error', ''))) for counts in found.values())]
         for name in next(iter(found.values()))
     ]
-    head = ['way', *(f'{k} goal{"s" * (int(k) > 1)}' for k in found)]
+    head = ['method', *(f'{k} goal{"s" * (int(k) > 1)}' for k in found)]
     return f"""## Why value iteration
 
-Sweeps, or products with one policy's transitions, until the bounds meet the tolerance:
+The table counts sweeps until the bounds meet the tolerance. A product with one policy's transition
+matrix counts as a sweep too: it saves only the minimum over the actions, since all actions share
+the expectations.
 
-{_table(head, rows)}
+{table(head, rows)}
 
-The bounds need only the spread of the change to vanish, and that shrinks faster
-than the discount guarantees. Modified policy iteration makes no fewer sweeps, and spares
-only the minimum: the expectations are shared by all actions, so one policy
-costs as many. Gauss-Seidel orders lose the bounds, for they do not pass a constant on evenly.
-Krylov methods and Chebyshev polynomials meet complex eigenvalues (the UAV flies in rounds).
-Anderson acceleration saves sweeps, but for three goals and more hardly
-what its own tables and sums cost, and it triples the memory. Starting from the sum of smaller
-missions (goal expansion of order 2) saves some of the early, cheap sweeps and costs as much.
-Mixed precision gains what the first table shows for hardly any code, and is kept."""
+- Value iteration stops when the change is nearly the same in all states. That happens sooner than
+  the discount guarantees.
+- Modified policy iteration makes no fewer sweeps.
+- Gauss-Seidel sweeps use new values at once. Then a constant no longer passes through a sweep
+  unchanged, and the bounds become loose.
+- Krylov methods (GMRES) meet complex eigenvalues, since the UAV flies in circles.
+- Anderson acceleration saves sweeps. From three goals on this hardly outweighs the time for its
+  own sums, and it needs three times the memory.
+- Starting from the sum of smaller missions (a goal expansion of order 2) saves early, cheap sweeps
+  and costs as much.
+- Mixed precision gains what the first table shows, with little code, and is the default."""
 
 
 def _fit(found: Found) -> tuple[float, float]:
@@ -272,17 +290,16 @@ def _paper(found: Found) -> str:
     head = ['goals', 'states', "paper's count", 'ours', 'paper', 'factor']
     return f"""## The paper's tables
 
-Table 1: goals, states and solve time; *in italics* what is extrapolated, ours with the fitted
-exponent {exponent:.2f} (time ~ states^{exponent:.2f}, from three goals on). The paper measured
-one and three goals.
+Table 1 of the paper: goals, states and solve time. Figures *in italics* are extrapolated, by
+time ~ states^{exponent:.2f}, fitted from three goals on. The paper measured one and three goals.
 
-{_table(head, rows)}
+{table(head, rows)}
 
 ![Solve time against states](scaling.svg)
 
-Table 2: the global MDP of three goals and the goal-wise sub-MDPs (here all three of them). The
-paper reports the same actions in all states. Here the goals share one UAV, so that policies
-recombined from sub-MDPs are not optimal.
+Table 2 of the paper: the global MDP of three goals, and its sub-MDPs of one goal each (here the
+time of all three). The paper reports the same actions in all states. Here the goals share one UAV,
+so policies recombined from sub-MDPs are not optimal: see [paper.md](paper.md).
 
 {_comparison(found)}"""
 
@@ -296,7 +313,7 @@ def _comparison(found: Found) -> str:
             ('decomposed', parts, ('1.0 s', '42 MB')),
         )
     ]
-    return _table(['method', 'states', 'ours', 'memory', 'paper', 'memory'], rows)
+    return table(['method', 'states', 'ours', 'memory', 'paper', 'memory'], rows)
 
 
 def draw(found: Found, file: Path) -> None:

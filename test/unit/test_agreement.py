@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from strategies import case_study, missions
 
 from uav_mission_manager.mdp import mission_from_dict
-from uav_mission_manager.solver import whole_mission
 from uav_mission_manager.solver.evaluation import policy_evaluation as evaluation
+from uav_mission_manager.solver.submdp import whole_mission
 
 BENCHMARKS = Path(__file__).parents[2] / 'benchmarks'
 
@@ -25,6 +25,11 @@ def agreement():
     sys.path.insert(0, str(BENCHMARKS))
     yield importlib.import_module('parts.agreement')
     sys.path.remove(str(BENCHMARKS))
+
+
+@pytest.fixture(scope='module')
+def explicit(agreement):
+    return importlib.import_module('parts.explicit').explicit
 
 
 @settings(max_examples=10, deadline=None)
@@ -41,8 +46,7 @@ def test_successors(agreement, document, seed):
 
 
 @settings(max_examples=5, deadline=None)
-@given(
-    document=missions([(1, 2), (2, 2)], [1]) | missions([(1, 1)], [2]), seed=st.integers(0, 99))
+@given(document=missions([(1, 2), (2, 2)], [1]) | missions([(1, 1)], [2]), seed=st.integers(0, 99))
 def test_cost_of_a_policy_that_looks_at_everything(agreement, document, seed):
     model, rng = BruteForce(document), np.random.default_rng(seed)
     costs, rows, row_of = matrices(model)
@@ -50,9 +54,31 @@ def test_cost_of_a_policy_that_looks_at_everything(agreement, document, seed):
     chosen = draws.argmax(axis=1)
     everyone = np.arange(len(costs))
     expected = evaluate(
-        costs[everyone, chosen], rows, row_of[everyone, chosen], document['discount'])
+        costs[everyone, chosen], rows, row_of[everyone, chosen], document['discount']
+    )
     found = agreement.Chain(mission_from_dict(document, 'test')).evaluate(chosen + 1)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-6)
+
+
+@settings(max_examples=5, deadline=None)
+@given(document=missions([(1, 1), (1, 2)], [1, 2]), seed=st.integers(0, 99))
+def test_explicit_mdp(explicit, document, seed):
+    model, rng = BruteForce(document), np.random.default_rng(seed)
+    mdp = explicit(mission_from_dict(document, 'test'))
+    row_of = np.argsort(mdp.space.index(mdp.states))
+    assert sorted(map(tuple, mdp.states.tolist())) == sorted(model.states)
+    for row in rng.permutation(len(mdp.states))[:10].tolist():
+        state = tuple(mdp.states[row].tolist())
+        for action in model.actions:
+            if not model.allowed(state, action):
+                assert mdp.cost[row, action - 1] == np.inf
+                continue
+            assert mdp.cost[row, action - 1] == pytest.approx(model.cost(state, action))
+            expected = np.zeros(len(mdp.states))
+            for after, probability in model.successors(state, action):
+                expected[row_of[mdp.space.index(after)]] += probability
+            found = mdp.transitions[action - 1][[row]].toarray()[0]
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
 
 
 @pytest.fixture(scope='module')
@@ -88,9 +114,12 @@ def test_best_value_takes_the_local_choice_of_least_cost(agreement, optimum):
 
 
 def test_groups(agreement, optimum):
-    found = agreement.groups(optimum.states)
+    found = agreement.groups(optimum.space, optimum.states)
     assert {name: list(masks) for name, masks in found.items()} == {
-        'f': list(range(1, 9)), 't': [0, 1, 2], 'active goals': [0, 1, 2]}
+        'f': list(range(1, 9)),
+        't': [0, 1, 2],
+        'active goals': [0, 1, 2],
+    }
     for masks in found.values():
         assert (sum(masks.values()) == 1).all()
     # Of two priorities of 0, 1, 2 each, four of nine pairs have one 0.
