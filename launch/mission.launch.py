@@ -21,10 +21,16 @@ PACKAGE = 'uav_mission_manager'
 SHARE = share_directory()
 ARGUMENTS = {
     'namespace': ('uav1', 'namespace of the vehicle'),
-    'mission': (f'{SHARE}/config/case_study.yaml', 'mission file, given with its policy'),
-    'policy': (f'{SHARE}/policies/case_study', 'policy set built from the mission file'),
-    'connection': ('udpin:127.0.0.1:14550', 'where the bridge meets the autopilot (pymavlink)'),
-    'params': (f'{SHARE}/config/nodes.yaml', 'node parameters; the arguments here come first'),
+    'mission': (
+        f'{SHARE}/config/case_study.yaml',
+        'mission file that the policy set was built from',
+    ),
+    'policy': (f'{SHARE}/policies/case_study', 'directory of the policy set'),
+    'connection': ('udpin:127.0.0.1:14550', 'pymavlink connection string of the bridge'),
+    'params': (
+        f'{SHARE}/config/nodes.yaml',
+        'file of node parameters; the arguments here override it',
+    ),
     'allow_arming': ('false', 'true: the bridge may arm and take off'),
     'simulate': ('false', 'true: start a simulated autopilot at the mission origin'),
 }

@@ -19,7 +19,10 @@ SHARE = share_directory()
 ARGUMENTS = {
     'namespace': ('uav1', 'namespace of the vehicle'),
     'mission': (f'{SHARE}/config/case_study.yaml', 'mission file'),
-    'params': (f'{SHARE}/config/nodes.yaml', 'node parameters; the arguments here come first'),
+    'params': (
+        f'{SHARE}/config/nodes.yaml',
+        'file of node parameters; the arguments here override it',
+    ),
     'method': (DEFAULT_METHOD, f'how the policy is made: {", ".join(METHODS)}'),
 }
 

@@ -52,7 +52,31 @@ class Task:
 
 @dataclass(frozen=True)
 class Settings:
-    """How to fly: [m], [m/s], [s]; a destination farther than `reach` belongs to no mission."""
+    """How to fly.
+
+    Attributes
+    ----------
+    flight_altitude : float
+        Above home [m].
+    cruise_speed, agile_speed : float
+        In normal and agile mode [m/s].
+    acceptance_radius : float
+        Distance from a destination within which the vehicle is on site [m].
+    landed_radius : float
+        The same for a vehicle that stands on the ground [m].
+    reach : float
+        Distance from which a destination cannot be part of a mission flown here [m].
+    goal_dwell : float
+        Time on site until a goal is completed [s].
+    manager_timeout : float
+        Time without mission command until the vehicle holds [s].
+    rtl_delay : float
+        Time of holding until it returns to launch [s].
+    service_time : float
+        Time landed in the service cell until a repair is done [s].
+    allow_arming : bool
+        Whether it may be armed and take off.
+    """
 
     flight_altitude: float = 20.0
     cruise_speed: float = 5.0
@@ -69,7 +93,20 @@ class Settings:
 
 @dataclass(frozen=True)
 class Step:
-    """Outcome of one update: phase, why in one line, requests, goal completed, repair done."""
+    """Outcome of one update.
+
+    Attributes
+    ----------
+    phase : Phase
+    status : str
+        Why, in one line.
+    requests : tuple of Request
+        What to ask of the vehicle.
+    completed : str
+        The goal that has just been completed, '' for none.
+    serviced : bool
+        Whether a repair has just been done.
+    """
 
     phase: Phase
     status: str

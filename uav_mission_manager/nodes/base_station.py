@@ -24,7 +24,10 @@ PARAMETERS = (
 
 
 class BaseStation(Node):
-    """Publishes `priorities` at `rate`, and at once with a new request id when they are set."""
+    """Publishes its parameter `priorities`: one value a goal, 0 none, 1 low, 2 high.
+
+    A change is published at once, as a new request, and every request is repeated at `rate`.
+    """
 
     def __init__(self) -> None:
         super().__init__('base_station')
@@ -93,7 +96,7 @@ class BaseStation(Node):
         self._publish()
 
     def _on_completed(self, message: String) -> None:
-        """Take an achieved goal out of the repetition, or a restarted manager would revive it."""
+        """Set an achieved goal to 0 in the request, lest a restarted manager revive it."""
         if self._message is not None and message.data in self._goals:
             self._message.data[self._goals.index(message.data)] = 0
 

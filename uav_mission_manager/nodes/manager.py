@@ -40,20 +40,23 @@ PARAMETERS = (
     Parameter(
         'range_hysteresis',
         0.2,
-        'Margin by which a lost range flag must be exceeded to come back (fraction)',
+        'Extra range with which a lost range flag comes back (fraction)',
         0.0,
         1.0,
     ),
-    Parameter('rate', 1.0, 'Decision and repetition rate [Hz]', 1.0, 20.0),
+    Parameter('rate', 1.0, 'Rate of decisions and of the repeated command [Hz]', 1.0, 20.0),
 )
 
 
 KEPT = ('threat_level', 'goal_priorities')
-"""Inputs that hold their last value when their source falls silent; the diagnostics warn."""
+"""Inputs whose last value stays in force however old it is; the diagnostics warn of its age."""
 
 
 class Manager(Node):
-    """Thin shell around `onboard.decide`."""
+    """Commands what the policy says about the state that vehicle and base station report.
+
+    Without a fresh battery state, position and fault mode it publishes no command.
+    """
 
     def __init__(self) -> None:
         super().__init__('manager')

@@ -9,7 +9,6 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rclpy.node import Node
 from sensor_msgs.msg import BatteryState, NavSatFix
 from std_msgs.msg import Header, String
@@ -43,8 +42,11 @@ POLL_PERIOD = 0.05
 FAULT_PERIOD = 0.5
 """Time [s] after which an unchanged fault mode is published again."""
 
-CAMERA = mavlink.MAV_COMP_ID_CAMERA
-"""MAVLink component whose heartbeat says that the camera works."""
+CAMERA = 100
+"""MAV_COMP_ID_CAMERA, the component whose heartbeat says that the camera works."""
+
+STATUSTEXT_WARNING = 4
+"""MAV_SEVERITY_WARNING: texts of this severity or worse (lower numbers) are logged as warnings."""
 
 WARNING_PHASES = (Phase.NO_LINK, Phase.PILOT, Phase.HOLDING, Phase.RETURNING)
 """Phases in which the manager's commands are not flown."""
@@ -242,9 +244,7 @@ class MavlinkBridge(Node):
         for message in self._link.poll(now):
             self._telemetry = update(self._telemetry, message, now)
             if message.get_type() == 'STATUSTEXT':
-                self._log(
-                    message.severity <= mavlink.MAV_SEVERITY_WARNING, f'autopilot: {message.text}'
-                )
+                self._log(message.severity <= STATUSTEXT_WARNING, f'autopilot: {message.text}')
         self._telemetry = forget(self._telemetry, now)
         if not self._link.up:
             self._telemetry, self._fault = Telemetry(), None

@@ -1,4 +1,4 @@
-"""What the manager shows of itself, as diagnostic and marker messages."""
+"""What the manager knows and decides, as diagnostic and marker messages."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def decision_status(
     now: float,
     digest: str,
 ) -> DiagnosticStatus:
-    """Why the manager decided so, or did not decide."""
+    """Return why the manager decided as it did, or why it did not decide."""
     ages = {f'age {topic} [s]': f'{age:.2f}' for topic, age in situation.ages(now).items()}
     if isinstance(outcome, Refusal):
         return status(DiagnosticStatus.ERROR, name, outcome.reason, policy=digest, **ages)
@@ -67,7 +67,7 @@ def cell_pose(grid: Grid, cell: int, stamp: Time) -> PoseStamped:
 
 
 def markers(situation: Situation, target: int | None, stamp: Time) -> MarkerArray:
-    """Grid, goals, threat, UAV and the line to its target cell, for RViz and Foxglove."""
+    """Return grid, goals, threat, UAV and the line to its target cell, for RViz and Foxglove."""
     grid, array = situation.mission.grid, MarkerArray()
 
     def add(space: str, kind: int, colour: Colour, size: float, number: int = 0) -> Marker:

@@ -22,7 +22,7 @@ START_ERRORS = (ValueError, OSError)
 
 
 def safety_clock(node: Node) -> Clock:
-    """Return the clock for timers and time-outs: a step of the system's time leaves it alone.
+    """Return a clock for timers and time-outs that does not jump when the system's time is set.
 
     It is the node's own clock where `use_sim_time` is set at the start.
     """

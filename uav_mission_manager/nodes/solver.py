@@ -37,7 +37,10 @@ PARAMETERS = (
 
 
 class Solver(Node):
-    """One build at a time; a failed one announces nothing and leaves the old set alone."""
+    """Builds a policy set when `~/build` is called and announces it on `policy_set`.
+
+    A build that fails announces nothing and leaves the old policy set as it is.
+    """
 
     def __init__(self) -> None:
         super().__init__('solver')

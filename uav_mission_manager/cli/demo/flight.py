@@ -1,4 +1,4 @@
-"""The demo's eyes and hands: what the nodes publish, and what happens to the vehicle."""
+"""What the demo sees of a mission, and what it does to the vehicle."""
 
 from __future__ import annotations
 
@@ -21,18 +21,19 @@ from uav_mission_manager.mdp import Mission
 from uav_mission_manager.nodes import qos
 
 INJECTION_PERIOD = 0.5
+"""Time [s] after which a parameter that the simulator has not confirmed is set again."""
 
 
 @dataclass
 class Threat:
-    """A threat to be met in a cell, or everywhere with `cell` None."""
+    """A threat in one cell, or everywhere with `cell` None."""
 
     level: str = 'none'
     cell: int | None = None
 
 
 class Flight(Node):
-    """One mission as seen from outside, and the hands of base station, enemy and ground crew.
+    """Watches one mission, and plays the base station's operator, the enemy and the ground crew.
 
     Attributes
     ----------
@@ -92,7 +93,7 @@ class Flight(Node):
         return self.on_ground and self.cell == self.mission.grid.base
 
     def ask(self, **priorities: int) -> None:
-        """Base station: set the priorities of goals by name; the others become 0."""
+        """As the base station, set the priorities of goals by name; the others become 0."""
         self.asked |= {name for name, priority in priorities.items() if priority}
         wanted = [priorities.get(goal.name, 0) for goal in self.mission.goals]
         self._priorities = wanted
@@ -100,7 +101,7 @@ class Flight(Node):
         self.view.event(f'base station: {text}')
 
     def meet(self, level: str, cell: int | None = None) -> None:
-        """Enemy: a threat level in one cell, or everywhere."""
+        """As the enemy, set the threat level in one cell, or everywhere."""
         self.threat = Threat(level, cell)
         where = '' if cell is None else f' in cell {cell}'
         self.view.event(f'threat: {level}{where}')
@@ -116,7 +117,7 @@ class Flight(Node):
         self._threat_out.publish(String(data=self.threat.level if met else 'none'))
 
     def _work(self) -> None:
-        """Hand on what the base station and the crew still have to do."""
+        """Send what the base station and the crew have not sent yet."""
         if self._priorities is not None and self._station.service_is_ready():
             parameter = Parameter('priorities', value=self._priorities).to_parameter_msg()
             self._station.call_async(SetParameters.Request(parameters=[parameter]))

@@ -26,13 +26,13 @@ from uav_mission_manager.paths import share_directory
 from uav_mission_manager.policy import build_policy
 
 STEP_LIMIT = 60.0
-"""Seconds each step of a scenario may take."""
+"""Time [s] that each step of a scenario may take."""
 
 WATCH_LIMIT = 45.0
-"""Seconds to watch the vehicle come home by itself after a process of the chain has ended."""
+"""Time [s] to watch the vehicle come home by itself after a process of the chain has ended."""
 
 BLIND_LIMIT = 10.0
-"""The same where nothing can be seen of the vehicle any more."""
+"""The same [s] where nothing can be seen of the vehicle any more."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,12 @@ class Outcome:
 def main(args: list[str] | None = None) -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(prog='demo', description='Fly two missions in simulation.')
-    parser.add_argument('--speedup', type=float, default=8.0, help='default: %(default)g')
+    parser.add_argument(
+        '--speedup',
+        type=float,
+        default=8.0,
+        help='simulated seconds per second; default: %(default)g',
+    )
     parser.add_argument('--logs', type=Path, help='directory for the logs; default: a new one')
     options = parser.parse_args(args)
     # Other ROS systems neither hear nor disturb the demo.
@@ -89,7 +94,7 @@ def _fly(
     logs: Path,
     speedup: float,
 ) -> Outcome:
-    """Fly one mission with a chain of its own."""
+    """Build the policy, start the processes and fly one mission."""
     start = time.monotonic()
     logs.mkdir(parents=True, exist_ok=True)
     mission_file = logs / 'mission.yaml'

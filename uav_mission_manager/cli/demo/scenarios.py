@@ -10,7 +10,10 @@ Wait = tuple[str, Callable[[], bool]]
 """What is waited for, in words and as a test."""
 
 WEAK_MOTOR = 0.75
+"""Thrust left of the motor that weakens (fraction): enough to fly, and found as a fault."""
+
 LOW_CHARGE = 21.0
+"""Charge [%] for 119 m: most goals are out of range, the service cell is not."""
 
 
 def case_one(flight: Flight) -> Iterator[Wait]:

@@ -10,9 +10,10 @@ import sys
 from pathlib import Path
 
 NAMESPACE = f'/uav{os.getpid()}'
-"""The vehicle's; its own for each run, lest two demos in one ROS domain hear each other."""
-PATIENCE = 5.0
-"""Seconds a process has to end by itself before it is killed."""
+"""Namespace of the vehicle; each run has one of its own, for two demos in one ROS domain."""
+
+STOP_TIMEOUT = 5.0
+"""Time [s] that a process has to end by itself before it is killed."""
 
 BRIDGE = {
     'allow_arming': True,
@@ -20,7 +21,7 @@ BRIDGE = {
     'service_time': 1.0,
     'rtl_delay': 5.0,
 }
-"""The bridge's parameters for the demo; times are short, as the vehicle's run faster."""
+"""The bridge's parameters; times are short because simulated time runs faster than its clock."""
 
 
 class Stack:
@@ -31,9 +32,9 @@ class Stack:
     mission, policy : path
         Mission file and the policy set built from it.
     logs : path
-        Directory for one log file a process.
+        Directory for the log files, one for each process.
     speedup : float
-        Simulated seconds a second.
+        Simulated seconds per second.
     """
 
     def __init__(self, mission: Path, policy: Path, logs: Path, speedup: float) -> None:
@@ -70,7 +71,7 @@ class Stack:
                 process.send_signal(signal.SIGINT)
         for process in self.processes.values():
             try:
-                process.wait(PATIENCE)
+                process.wait(STOP_TIMEOUT)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
@@ -86,7 +87,7 @@ class Stack:
     def _start(self, name: str, module: str, *arguments: str) -> None:
         self.logs.mkdir(parents=True, exist_ok=True)
         with (self.logs / f'{name}.log').open('wb') as log:
-            # A session of its own: Ctrl-C on the terminal is for the demo, which ends its own.
+            # In a session of its own, for Ctrl-C to reach the demo alone, which ends the rest.
             self.processes[name] = subprocess.Popen(
                 [sys.executable, '-m', f'uav_mission_manager.{module}', *arguments],
                 stdout=log,
