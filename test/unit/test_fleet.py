@@ -302,6 +302,8 @@ def test_too_few_agents_leave_a_goal_to_itself():
         ({'thresholds': {'y': 1.0}}, "thresholds: 'y' is no goal"),
         ({'thresholds': {'goal1': 0.0}}, r'thresholds: 0\.0 is not above 0'),
         ({'threshold': math.nan}, 'thresholds: nan is not above 0'),
+        ({'persistence': -0.1}, 'persistence: -0.1 is not'),
+        ({'persistence': math.inf}, 'persistence: inf is not'),
     ],
 )
 def test_rules_that_cannot_be(rules, message):
@@ -385,6 +387,17 @@ def test_an_optimal_assignment_gains_no_less_than_the_queue():
         sums.append(gained.sum(axis=(1, 2)))
     assert (sums[1] >= sums[0] - 1e-9).all()
     assert (sums[1] > sums[0] + 1).mean() > 0.1
+
+
+@pytest.mark.parametrize(('persistence', 'kept'), [(0.0, False), (0.1, True)])
+def test_agents_do_not_trade_goals_for_nothing(persistence, kept):
+    """Two agents in one state may each pursue either goal: they go on as they began."""
+    found, states = planner(rules=FleetRules(persistence=persistence)), at_base(2, [2, 1, 0])
+    first = found.plan(states, assignment='optimal')
+    assert sorted(first.pursued[0]) == [0, 1]
+    swapped = dataclasses.replace(first, pursued=first.pursued[:, ::-1])
+    again = found.plan(states, swapped, 'optimal')
+    assert np.array_equal(again.pursued, swapped.pursued) == kept
 
 
 # Replanning

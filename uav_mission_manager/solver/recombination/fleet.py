@@ -169,7 +169,8 @@ class FleetPlanner:
         ----------
         fleets : int array
         previous : FleetPlan, optional
-            The fleets' last decision: in queues, who pursued the goal goes first.
+            The fleets' last decision: who pursued a goal goes first in its queue, and gains more
+            by it in an optimal assignment.
         assignment : {'queue', 'optimal'}
 
         Raises
@@ -185,10 +186,13 @@ class FleetPlanner:
         scores, gains = self._scores(states), self._gains(states)
         board = Board(*self._rewards(states, gains), self._limits)
         ranking = ranked(scores)
+        held = self._held(states, previous)
         if assignment == 'queue':
-            queue(board, self._nearness(states, previous), ranking)
+            # Below 0 for who pursued the goal.
+            nearness = self._distances[self._space.split(states).l] - self.mission.grid.q * held
+            queue(board, nearness, ranking)
         else:
-            match(board, gains)
+            match(board, gains * (1 + self.rules.persistence * held))
         return FleetPlan(
             scores=scores,
             ranking=ranking,
@@ -231,18 +235,16 @@ class FleetPlanner:
         np.divide(gains, best[:, None], out=contributions, where=best[:, None] > 0)
         return contributions, (g == 0).astype(float)
 
-    def _nearness(self, fleets: IntArray, previous: FleetPlan | None) -> FloatArray:
-        """Distance of each agent to each goal, (N, n, k); below 0 for who pursued it."""
-        nearness = self._distances[self._space.split(fleets).l]
-        if previous is not None:
-            if previous.pursued.shape != fleets.shape[:2]:
-                raise ValueError(
-                    f'the previous plan is for fleets of shape {previous.pursued.shape}, '
-                    f'not {fleets.shape[:2]}'
-                )
-            held = previous.pursued[..., None] == np.arange(self.mission.k)
-            nearness -= self.mission.grid.q * held
-        return nearness
+    def _held(self, fleets: IntArray, previous: FleetPlan | None) -> BoolArray:
+        """Whether each agent pursued each goal in the last decision, shape (N, n, k)."""
+        if previous is None:
+            return np.zeros((*fleets.shape[:2], self.mission.k), bool)
+        if previous.pursued.shape != fleets.shape[:2]:
+            raise ValueError(
+                f'the previous plan is for fleets of shape {previous.pursued.shape}, '
+                f'not {fleets.shape[:2]}'
+            )
+        return np.asarray(previous.pursued[..., None] == np.arange(self.mission.k))
 
     def _actions(self, fleets: IntArray, pursued: IntArray, ranking: IndexArray) -> IntArray:
         """The joint policy: a_k = pi_j(s_k) of the goal that agent k pursues."""
