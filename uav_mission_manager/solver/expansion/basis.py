@@ -245,44 +245,42 @@ class Basis:
 
     def now(self, x: IntArray, dtype: DTypeLike = np.float64) -> RealArray:
         """Features of x (N, k), shape (P, N)."""
-        return self._features(self._look_up(self._now, x), dtype)[0]
+        return self.features(self._now.astype(dtype), x)[0]
 
     def expected(
-        self,
-        x: IntArray,
-        outcomes: Sequence[Outcome],
-        dtype: DTypeLike = np.float64,
-        features: IndexArray | slice = slice(None),
+        self, x: IntArray, outcomes: Sequence[Outcome], dtype: DTypeLike = np.float64
     ) -> RealArray:
-        """Expected features after an epoch from x (N, k), all or some: (outcomes, P, N)."""
-        chosen = [regime for regime, _ in outcomes]
-        values = self._look_up(self._next[chosen], x)
+        """Expected features after an epoch from x (N, k), shape (outcomes, P, N)."""
+        return self.features(self.functions_after(outcomes).astype(dtype), x)
+
+    def functions_after(self, outcomes: Sequence[Outcome]) -> FloatArray:
+        """E of the functions of each x_j' by x_j, shape (outcomes, k, 6, functions)."""
+        table = self._next[[regime for regime, _ in outcomes]]
         for position, (regime, goal) in enumerate(outcomes):
             if goal is not None:
-                values[position, goal] = self._completed[regime][x[:, goal]].T
-        return self._features(values, dtype, features)
+                table[position, goal] = self._completed[regime]
+        return table
+
+    def features(
+        self, functions: RealArray, x: IntArray, chosen: IndexArray | slice = slice(None)
+    ) -> RealArray:
+        """Products (outcomes, P, N) of functions (outcomes, k, 6, functions) at x (N, k).
+
+        Of all features, or of some.
+        """
+        values = functions[:, np.arange(x.shape[1]), x]
+        flat = values.transpose(0, 2, 3, 1).reshape(len(values), -1, len(x))
+        index = self._index[:, chosen]
+        out: RealArray = flat.take(index[0], axis=1)
+        for factor in index[1:]:
+            out *= flat.take(factor, axis=1)
+        return out
 
     @cached_property
     def of_goal(self) -> list[IndexArray]:
         """Positions of the features that look at each goal."""
         goals = np.where(self._index > 0, self._index // X_VALUES, -1)
         return [np.flatnonzero((goals == j).any(axis=0)) for j in range(self.reduced.n)]
-
-    @staticmethod
-    def _look_up(table: FloatArray, x: IntArray) -> FloatArray:
-        """Values (outcomes, k, functions, N) of a table (outcomes, k, 6, functions)."""
-        return table[:, np.arange(x.shape[1]), x].transpose(0, 2, 3, 1)
-
-    def _features(
-        self, values: FloatArray, dtype: DTypeLike, features: IndexArray | slice = slice(None)
-    ) -> RealArray:
-        """Products of the functions' values (outcomes, k, functions, N)."""
-        flat = values.astype(dtype).reshape(len(values), -1, values.shape[-1])
-        index = self._index[:, features]
-        out: RealArray = flat.take(index[0], axis=1)
-        for factor in index[1:]:
-            out *= flat.take(factor, axis=1)
-        return out
 
 
 def _orthonormal(functions: FloatArray) -> FloatArray:

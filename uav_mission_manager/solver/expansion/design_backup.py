@@ -132,7 +132,8 @@ class _Block:
             outcome = int(reduced.regimes[action, cell]), int(reduced.slots[action])
             members = self.of_goal[outcome[1]]
             before = self.expected[outcome[0]][members]
-            gains[outcome] = basis.expected(x, [outcome], before.dtype, members)[0] - before
+            functions = basis.functions_after([outcome]).astype(before.dtype)
+            gains[outcome] = basis.features(functions, x, members)[0] - before
         return gains
 
     def _arrivals(self, cell: int, x: IntArray, dtype: np.dtype[Any]) -> dict[Arrival, RealArray]:

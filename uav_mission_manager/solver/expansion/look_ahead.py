@@ -6,11 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from uav_mission_manager.mdp.arrays import FloatArray, IndexArray, IntArray, RealArray
 from uav_mission_manager.solver.expansion.basis import Basis, Outcome
 from uav_mission_manager.solver.expansion.fit import Expansion
-from uav_mission_manager.solver.reduced import ReducedMission
+from uav_mission_manager.solver.reduced import X_VALUES, ReducedMission
 from uav_mission_manager.solver.submdp import whole_mission
 
 FEATURE_ENTRIES = 1 << 22
@@ -19,19 +20,20 @@ FEATURE_ENTRIES = 1 << 22
 
 @dataclass(frozen=True)
 class _Departure:
-    """What the actions do from one cell.
+    """What may follow from one cell.
 
     Attributes
     ----------
     outcomes : list
-        What the epoch may do to the goals: the regimes first, then the completions.
-    actions : list of int array
-        Actions of each regime, and the one that may lead to each completion.
-    landings : list of int array
-        Where those lead.
+        What an epoch may do to the goals: the regimes first, then the completions.
+    functions : float array (outcomes, k, 6, functions)
+        E of the functions of the x_j' after each.
+    actions, landings : list of int array
+        Actions of each outcome, and where they lead.
     """
 
     outcomes: list[Outcome]
+    functions: RealArray
     actions: list[IndexArray]
     landings: list[IndexArray]
 
@@ -49,62 +51,73 @@ class ExpansionLookAhead:
         self.basis = Basis(reduced, expansion.clusters)
         theta = np.asarray(expansion.theta)
         later = (reduced.threat @ theta.reshape(len(theta), 3, -1)).reshape(theta.shape)
-        self.theta = _by_level(theta)
+        self.theta = _by_level(theta, theta.dtype)
         faults = expansion.mission.discount * reduced.faults
-        self.tables = [_by_level(matrix @ later) for matrix in faults]
-        self._departures = [_departure(reduced, cell) for cell in range(reduced.q)]
-        self._price = reduced.price[reduced.agile[:, None], reduced.landings]
+        self.tables = [_by_level(matrix @ later, theta.dtype) for matrix in faults]
+        self._departures = [_departure(self.basis, cell, theta.dtype) for cell in range(reduced.q)]
+        # An action looks at its own goal only, so all may be alike; recharging looks at whether
+        # any range is lost, which 0 and 1 tell.
+        alike = np.repeat(np.arange(X_VALUES)[:, None], reduced.n, axis=1)
+        costs = reduced.action_costs(np.arange(reduced.q), alike).transpose(1, 2, 0, 3)
+        price = reduced.price[reduced.agile[:, None], reduced.landings].transpose(1, 2, 0)
+        shared = reduced.fault_costs[:, None, None]
+        self._costs = costs[:, None] + price[:, :, None, :, None] + shared
+        self._actions, self._commits = np.arange(len(reduced.slots)), reduced.slots >= 0
 
     def values(self, states: IntArray) -> FloatArray:
         """V(s) of the expansion itself, shape (N,)."""
         x, s = self.reduced.x(states), self.reduced.split(states)
         out = self.reduced.mode_costs(states)
         for level, rows in _groups(s.t * 8 + s.f - 1, self.basis.size):
-            values = self.theta[divmod(level, 8)] @ self.basis.now(x[rows], np.float32)
+            table = self.theta[divmod(level, 8)]
+            values = table @ self.basis.now(x[rows], table.dtype)
             out[rows] += values[s.l[rows], np.arange(len(rows))]
         return out
 
     def q_values(self, states: IntArray) -> FloatArray:
         """Q(s, a) of global states (N, 2k+5), shape (N, 2k+4); inf where not allowed."""
-        x, s = self.reduced.x(states), self.reduced.split(states)
-        q = np.empty((len(states), len(self.reduced.slots)))
-        for group, rows in _groups((s.l * 3 + s.t) * 8 + s.f - 1, self.basis.size):
+        reduced, s = self.reduced, self.reduced.split(states)
+        x, f = 2 * s.g + s.r, s.f - 1
+        q = np.empty((len(states), len(reduced.slots)))
+        for group, rows in _groups((s.l * 3 + s.t) * 8 + f, self.basis.size):
             cell, level = divmod(group, 24)
-            q[rows] = self._look_ahead(cell, *divmod(level, 8), x[rows])
-        return q + self.reduced.state_costs(states)[:, None]
+            q[rows] = self._expected(cell, *divmod(level, 8), x[rows]).T
+        own = np.where(self._commits, x[:, reduced.slots], s.r.all(axis=1, keepdims=True))
+        q += self._costs[s.l[:, None], s.t[:, None], f[:, None], self._actions, own]
+        costs = reduced.goal_costs[np.arange(reduced.n), x].sum(axis=1)
+        return q + (costs + reduced.mode_costs(states))[:, None]
 
-    def _look_ahead(self, cell: int, t: int, f: int, x: IntArray) -> FloatArray:
-        """Q less the costs that the action does not change, of one cell, t and f: (N, A)."""
+    def _expected(self, cell: int, t: int, f: int, x: IntArray) -> FloatArray:
+        """Discounted E[W(s')] of each action from one cell, t and f: (A, N)."""
         departure, completion = self._departures[cell], float(self.reduced.completion[f])
-        features = self.basis.expected(x, departure.outcomes, np.float32)
-        out = self.reduced.action_costs(cell, x, np.array([f]))[:, 0]
-        out += self._price[:, cell, t, None]
-        expected = np.empty(out.shape)
+        out = np.empty((len(self._actions), len(x)))
+        features = self.basis.features(departure.functions, x)
         for (regime, goal), actions, landings, feature in zip(
             departure.outcomes, departure.actions, departure.landings, features
         ):
-            table = self.tables[regime][t, f]
-            if goal is None:
-                expected[actions] = (table @ feature)[landings]
-            elif completion:
-                done = table[landings] @ feature
-                expected[actions] += completion * (done - expected[actions])
-        return np.asarray((out + expected).T)
+            expected = self.tables[regime][t, f].take(landings, axis=0) @ feature
+            if goal is not None:
+                before = out[actions]
+                expected = before + completion * (expected - before)
+            out[actions] = expected
+        return out
 
 
-def _departure(reduced: ReducedMission, cell: int) -> _Departure:
+def _departure(basis: Basis, cell: int, dtype: DTypeLike) -> _Departure:
+    reduced = basis.reduced
     regimes, landings = reduced.regimes[:, cell], reduced.landings[:, cell]
     outcomes: list[Outcome] = [(regime, None) for regime in sorted(set(regimes.tolist()))]
     actions = [np.flatnonzero(regimes == regime) for regime, _ in outcomes]
     for action in np.flatnonzero(reduced.completes[:, cell]):
         outcomes.append((int(regimes[action]), int(reduced.slots[action])))
         actions.append(np.array([action]))
-    return _Departure(outcomes, actions, [landings[chosen] for chosen in actions])
+    functions = basis.functions_after(outcomes).astype(dtype)
+    return _Departure(outcomes, functions, actions, [landings[chosen] for chosen in actions])
 
 
-def _by_level(theta: RealArray) -> RealArray:
+def _by_level(theta: RealArray, dtype: DTypeLike) -> RealArray:
     """Coefficients (q, 3, 8, P) as (3, 8, q, P), in one piece."""
-    return np.ascontiguousarray(theta.transpose(1, 2, 0, 3), np.float32)
+    return np.ascontiguousarray(theta.transpose(1, 2, 0, 3), dtype)
 
 
 def _groups(keys: IntArray, size: int) -> Iterator[tuple[int, IndexArray]]:
