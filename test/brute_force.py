@@ -48,7 +48,7 @@ class BruteForce:
     def split(self, state):
         """(f, (r_1..), (g_1..), l, c, t, m)."""
         k = self.k
-        return (state[0], state[1:1 + k], state[1 + k:1 + 2 * k], *state[1 + 2 * k:])
+        return (state[0], state[1 : 1 + k], state[1 + k : 1 + 2 * k], *state[1 + 2 * k :])
 
     def effect(self, action):
         """(kind, agile, c', destination) of a global action."""
@@ -83,8 +83,12 @@ class BruteForce:
     def next_cell(self, cell, destination):
         if cell == destination:
             return cell
-        closer = [n for n in range(self.rows * self.cols) if self.steps(n, cell) == 1
-                  and self.steps(n, destination) == self.steps(cell, destination) - 1]
+        closer = [
+            n
+            for n in range(self.rows * self.cols)
+            if self.steps(n, cell) == 1
+            and self.steps(n, destination) == self.steps(cell, destination) - 1
+        ]
         return min(closer)
 
     def cost(self, state, action):

@@ -17,6 +17,7 @@ from collections import Counter
 import numpy as np
 import pytest
 from brute_force import BruteForce
+from chance import DRAWS, assert_drawn_from
 from forms import DOUBLE, FORMS, backed_up, outcomes_of
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -128,19 +129,6 @@ def test_sub_mdps_with_shares_add_up_to_the_mission(document, n, seed):
     expected = reference_q(document, w, states)
     allowed = np.isfinite(expected)
     np.testing.assert_allclose(q[allowed], expected[allowed], **DOUBLE)
-
-
-DRAWS = 20_000
-
-
-def assert_drawn_from(counts, expected):
-    """Counts of DRAWS outcomes no further off than Bernstein's bound of chance 1e-10 allows."""
-    log = math.log(2e10)
-    for outcome in counts.keys() | expected.keys():
-        p = expected.get(outcome, 0.0)
-        allowed = log / 3 + math.sqrt(log**2 / 9 + 2 * log * DRAWS * p * (1 - p))
-        assert p > 0 or outcome not in counts, f'{outcome} cannot be'
-        assert abs(counts.get(outcome, 0) - DRAWS * p) <= allowed, outcome
 
 
 @settings(max_examples=20, deadline=None)

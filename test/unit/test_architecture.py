@@ -141,3 +141,8 @@ def test_room_of_an_import(line, expected, tmp_path, monkeypatch):
     path.parent.mkdir(parents=True)
     path.write_text(line)
     assert {room(name) for name in imports(path)} == {expected}
+
+
+def test_the_reference_model_shares_no_code_with_the_package():
+    names = imports(ROOT / 'test' / 'brute_force.py')
+    assert not any(name.startswith(PACKAGE) for name in names)

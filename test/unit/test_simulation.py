@@ -2,83 +2,21 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
-from brute_force import BruteForce
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from strategies import case_study, lively, missions, pick_states
+from strategies import case_study, pick_states
 from test_recombination import recombination
 
 from uav_mission_manager.mdp import StateError, StateSpace, cost, mission_from_dict
 from uav_mission_manager.solver.evaluation.policy_evaluation import evaluate, tabulate
 from uav_mission_manager.solver.evaluation.simulation import (
     ControlVariate,
-    Simulator,
     estimate,
     simulate,
 )
 from uav_mission_manager.solver.exact import AxisModel, LookAhead, value_iteration
 from uav_mission_manager.solver.greedy import choose
 from uav_mission_manager.solver.submdp import whole_mission
-
-DRAWS = 20_000
-
-
-def assert_drawn_from(counts, expected):
-    """Counts of DRAWS outcomes no further off than Bernstein's bound of chance 1e-10 allows."""
-    log = math.log(2e10)
-    for outcome in counts.keys() | expected.keys():
-        p = expected.get(outcome, 0.0)
-        allowed = log / 3 + math.sqrt(log**2 / 9 + 2 * log * DRAWS * p * (1 - p))
-        assert p > 0 or outcome not in counts, f'{outcome} cannot be'
-        assert abs(counts.get(outcome, 0) - DRAWS * p) <= allowed, outcome
-
-
-def assert_transitions(document, seed, pairs):
-    """The next states of some states and actions, and their probabilities."""
-    model, simulator = BruteForce(document), Simulator(mission_from_dict(document, 'test'))
-    space, rng = simulator.space, np.random.default_rng(seed)
-    for state in map(tuple, space.states(rng.integers(space.size, size=pairs)).tolist()):
-        action = rng.choice([a for a in model.actions if model.allowed(state, a)])
-        expected = {}
-        for after, p in model.successors(state, action):
-            expected[after] = expected.get(after, 0.0) + p
-        drawn = simulator.step(np.tile(state, (DRAWS, 1)), np.full(DRAWS, action), rng)
-        indices, counts = np.unique(space.index(drawn), return_counts=True)
-        after = map(tuple, space.states(indices).tolist())
-        assert_drawn_from(dict(zip(after, counts.tolist())), expected)
-
-
-@settings(max_examples=20, deadline=None)
-@given(missions([(1, 1), (2, 2), (2, 3)], [1, 2]), st.integers(0, 99))
-def test_transitions_of_any_mission(document, seed):
-    assert_transitions(document, seed, 6)
-
-
-@pytest.mark.parametrize('feasibility', ['strict', 'paper'])
-def test_transitions_where_all_happens_at_once(feasibility):
-    assert_transitions(lively(feasibility=feasibility), 0, 60)
-
-
-@settings(max_examples=20, deadline=None)
-@given(missions([(1, 1), (2, 3)], [1, 2]))
-def test_costs_and_what_is_allowed_in_any_mission(document):
-    model, simulator = BruteForce(document), Simulator(mission_from_dict(document, 'test'))
-    states = pick_states(simulator.space, 60)
-    for action in model.actions:
-        actions = np.full(len(states), action)
-        expected = [model.cost(tuple(state), action) for state in states.tolist()]
-        np.testing.assert_allclose(simulator.costs(states, actions), expected, atol=1e-9)
-        assert max(expected) <= cost.largest_stage_cost(simulator.mission) * (1 + 1e-12)
-        for i, state in enumerate(map(tuple, states.tolist())):
-            if model.allowed(state, action):
-                simulator.check(states[i : i + 1], actions[:1])
-            else:
-                with pytest.raises(ValueError, match='is not allowed'):
-                    simulator.check(states[i : i + 1], actions[:1])
 
 
 @pytest.fixture(scope='module')

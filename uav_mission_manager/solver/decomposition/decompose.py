@@ -231,7 +231,7 @@ def _largest_cluster(mission: Mission, max_states: int) -> int:
 
 
 def _regions(grid: Grid, room: int) -> list[tuple[int, ...]]:
-    """Fewest regions of at most `room` cells: pieces of a way that winds through the grid.
+    """Fewest regions of at most `room` cells: pieces of a path that winds through the grid.
 
     It runs to and fro along the shorter side, so the pieces are contiguous and compact.
     """

@@ -53,13 +53,13 @@ class Measures:
 
         sqrt(omega_i omega_j) / max(omega) * (1 + d_ij / diameter) / 2: what one UAV that can
         serve only one of them at a time loses grows with what is at stake in both, and with the
-        way between them.
+        distance between them.
         """
         grid, cells = self.mission.grid, [goal.cell for goal in self.mission.goals]
         apart = np.array([distances(grid, cell)[cells] for cell in cells])
-        ways = (1 + apart / (diameter(grid) or 1.0)) / 2
+        detour = (1 + apart / (diameter(grid) or 1.0)) / 2
         relative = np.sqrt(self.worth / (self.worth.max() or 1.0))
-        coupling = relative[:, None] * relative * ways
+        coupling = relative[:, None] * relative * detour
         np.fill_diagonal(coupling, 0.0)
         return coupling
 

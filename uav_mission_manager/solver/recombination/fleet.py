@@ -138,8 +138,8 @@ class FleetPlanner:
         self._limits = self.rules.limits(mission)
         self._space = StateSpace(mission.k, mission.grid.q)
         self._score = PriorityScore(mission, self.rules.weights)
-        ways = [distances(mission.grid, goal.cell) for goal in mission.goals]
-        self._distances = np.stack(ways, axis=1)
+        to_goals = [distances(mission.grid, goal.cell) for goal in mission.goals]
+        self._distances = np.stack(to_goals, axis=1)
         order = ranked(self._scores(self._checked(np.asarray(agents)[None])))[0].tolist()
         self.order = tuple(mission.goals[j].name for j in order)
         subs = goal_sub_mdps(mission)

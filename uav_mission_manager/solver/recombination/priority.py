@@ -13,8 +13,8 @@ paper names the four without a formula. Here each is a number in [0, 1]:
 - risk = 1 - completion(f) P(no part fails) P(t is never 2): the probability that a flight
   straight to the goal in normal mode, from the cell and in the threat at hand, meets a new
   failure or a high threat, or does not complete the goal in its first epoch on site.
-- resources: the way to the goal and from there to the service cell, of the longest such way
-  in the mission; 1 where the goal is out of range, r_j = 0.
+- resources: the distance to the goal and from there to the service cell, of the longest such
+  distance in the mission; 1 where the goal is out of range, r_j = 0.
 
 With the weights (1, 0, 0, 0) the first of L is the choice of
 `uav_mission_manager.solver.recombination.highest_priority`.
@@ -78,8 +78,8 @@ class PriorityScore:
         self._reward = savings / (savings.max() or 1.0)
         cells = [goal.cell for goal in mission.goals]
         to_service = distances(grid, grid.service)
-        way = np.stack([distances(grid, cell) + to_service[cell] for cell in cells], axis=1)
-        self._way = way / (way.max() or 1.0)
+        needed = np.stack([distances(grid, cell) + to_service[cell] for cell in cells], axis=1)
+        self._resources = needed / (needed.max() or 1.0)
         self._epochs = np.stack([epochs_of_flight(grid, cell) for cell in cells], axis=1)
         self._calm = np.stack([calm_flight(mission, cell) for cell in cells], axis=1)
         self._no_failure = fault_matrices(mission)[Regime.NORMAL_FLIGHT].diagonal()
@@ -92,7 +92,7 @@ class PriorityScore:
         achieved = self._completion[f] * self._calm[s.l, :, s.t]
         achieved *= self._no_failure[f] ** self._epochs[s.l]
         reward = self._reward[np.arange(self.mission.k), s.g, s.r]
-        resources = np.where(s.r == 1, self._way[s.l], 1.0)
+        resources = np.where(s.r == 1, self._resources[s.l], 1.0)
         return np.stack([reward, s.g / 2, 1 - achieved, resources], axis=-1)
 
     def of_goals(self, states: IntArray) -> FloatArray:
@@ -113,7 +113,7 @@ def ranked(scores: FloatArray) -> IndexArray:
 
 
 def calm_flight(mission: Mission, destination: int) -> FloatArray:
-    """P(no high threat on the way to a destination | l, t), shape (q, 3)."""
+    """P(no high threat during the flight to a destination | l, t), shape (q, 3)."""
     grid = mission.grid
     hops, epochs = next_hops(grid, destination), epochs_of_flight(grid, destination)
     threat = threat_matrices(mission)[..., :2]
