@@ -1,17 +1,19 @@
 """The paper's comparison of combined and global policy, in all states of the case study.
 
-make bench                      writes docs/paper.md and docs/paper.svg; half a minute
+    make bench SCRIPTS=benchmarks/paper.py
+
+Writes paper.md and paper.svg. About a minute on an idle processor.
 """
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from parts import pages
 from parts.agreement import (
+    FLOWN_STATES,
     Agreement,
     Chain,
     Optimum,
@@ -29,47 +31,47 @@ from uav_mission_manager.mdp import (
     global_actions,
     global_to_local,
 )
-from uav_mission_manager.policy import NAMES
+from uav_mission_manager.mdp.arrays import FloatArray, IntArray
+from uav_mission_manager.policy import METHODS
 
-DOCS = Path(__file__).resolve().parents[1] / 'docs'
 SAMPLE = (1, 1, 0, 1, 0, 2, 1, 1, 0, 2, 1)
 """The paper's sample state [f r1 r2 r3 g1 g2 g3 l c t m]."""
 
 PAPER_CHOICES, PAPER_GOAL = (4, 3, 4), 2
 """What the paper's sub-MDPs choose there, by local number, and the sub-MDP it follows."""
 
-RULES = {'strict': 'strict, the default', 'seed': 'every action everywhere, as in the paper'}
+FEASIBILITY = {
+    'strict': 'strict, the default',
+    'paper': 'every action everywhere, as in the paper',
+}
 
 Found = dict[str, tuple[Optimum, dict[str, Agreement]]]
 
 
 def main() -> int:
     """Run the comparison."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.parse_known_args()  # `make bench` passes one set of arguments to every script.
+    options = pages.parser(__doc__.splitlines()[0]).parse_args()
     found: Found = {}
-    for rule in RULES:
+    for rule in FEASIBILITY:
         optimum = Optimum(dataclasses.replace(case_study(3), feasibility=rule))
-        found[rule] = optimum, {name: compare(optimum, name) for name in NAMES}
+        methods = [method for method in METHODS if method != 'auto']
+        found[rule] = optimum, {method: compare(optimum, method) for method in methods}
+    optimum, folder = found['strict'][0], pages.folder(options)
     sections = [
-        _introduction(found['strict'][0]),
-        *(_overall(*found[rule], text) for rule, text in RULES.items()),
+        INTRODUCTION,
+        *(_overall(*found[rule], text) for rule, text in FEASIBILITY.items()),
         '![Share of states above a loss](paper.svg)',
         _breakdown(*found['strict']),
         _together(found),
         _sample(found),
     ]
-    (DOCS / 'paper.md').write_text('\n\n'.join(sections) + '\n', encoding='utf-8')
-    _draw(found['strict'][1], DOCS / 'paper.svg')
+    title = f"The paper's comparison, in all {len(optimum.states):,} states"
+    pages.publish(folder / 'paper.md', title, sections)
+    _draw(found['strict'][1], folder / 'paper.svg')
     return 0
 
 
-def _table(head: list[str], rows: list[list[str]]) -> str:
-    lines = [head, ['---'] + ['---:'] * (len(head) - 1), *rows]
-    return '\n'.join(f'| {" | ".join(line)} |' for line in lines)
-
-
-def _percent(share: Any) -> str:
+def _percent(share: float) -> str:
     """Three figures at most; 100 % only where it is all."""
     percent = 100 * float(share)
     if 99.9 < percent < 100:
@@ -77,16 +79,24 @@ def _percent(share: Any) -> str:
     return '0' if abs(percent) < 1e-6 else f'{percent:#.3g}'.rstrip('.') + ' %'
 
 
-def _introduction(optimum: Optimum) -> str:
-    return f"""# The paper's comparison, in all {len(optimum.states):,} states
+INTRODUCTION = f"""\
+The mission is `config/case_study.yaml`. Every combined policy is compared with the optimal one, in
+every state:
 
-Written by `make bench` (`benchmarks/paper.py`) on `config/case_study.yaml`. The combined policies
-are compared with the optimal one in every state: is the action the same (of actions that tie
-the lowest number), is Q*(s, a) within 0.1 % of V*(s), and what does following the combined policy
-for good cost, loss = (V^pi - V*) / V*, by exact evaluation. `best_value` follows the sub-MDP with
-the least cost (the paper's `ActionCalc_with_values`), `highest_priority` the one with the largest
-eta_j g_j r_j (its Algorithm 2); `split` adds up Q values; `expansion` fits tables of sub-problems
-no larger than two goals' 41,472 states. [theory.md](theory.md) says why they differ."""
+- Is the action the same? Of actions that tie, the one with the lowest number counts.
+- Is Q*(s, a) of the action within 0.1 % of V*(s)?
+- What does it cost to follow the policy from there on? The loss is (V^pi - V*) / V*, by exact
+  evaluation. *Flown* is its mean over {FLOWN_STATES:,} states that a UAV meets which follows the
+  policy from base, each epoch weighted by its discount.
+
+The policies:
+
+- `best_value` follows the sub-MDP with the least cost (the paper's `ActionCalc_with_values`).
+- `highest_priority` follows the sub-MDP with the largest eta_j g_j r_j (the paper's Algorithm 2).
+- `split` splits the common costs evenly and adds up the Q values of all sub-MDPs.
+- `expansion` fits tables of sub-problems no larger than two goals' 41,472 states.
+
+[theory.md](theory.md) says why they differ."""
 
 
 def _overall(optimum: Optimum, agreements: dict[str, Agreement], rule: str) -> str:
@@ -96,12 +106,14 @@ def _overall(optimum: Optimum, agreements: dict[str, Agreement], rule: str) -> s
             f'{a.same.sum():,}',
             f'{(~a.same).sum():,}',
             *map(_percent, (a.same.mean(), a.near.mean(), a.loss.mean(), a.loss.max())),
+            _percent(a.loss[a.flown].mean()),
         ]
         for name, a in agreements.items()
     ]
-    rows.append(['paper', f'{len(optimum.states):,}', '0', '100 %', '', '', ''])
+    rows.append(['paper', f'{len(optimum.states):,}', '0', '100 %', '', '', '', ''])
     head = ['method', 'same', 'different', 'same', 'within 0.1 %', 'mean loss', 'largest loss']
-    return f'## Combined and global policy: {rule}\n\n{_table(head, rows)}'
+    head.append('flown: mean loss')
+    return f'## Combined and global policy: {rule}\n\n{pages.table(head, rows)}'
 
 
 def _breakdown(optimum: Optimum, agreements: dict[str, Agreement]) -> str:
@@ -110,7 +122,7 @@ def _breakdown(optimum: Optimum, agreements: dict[str, Agreement]) -> str:
         't': {t: f'threat {name}' for t, name in enumerate(THREAT_LEVELS)},
     }
     same, loss = [], []
-    for variable, masks in groups(optimum.states).items():
+    for variable, masks in groups(optimum.space, optimum.states).items():
         for value, mask in masks.items():
             name = names.get(variable, {}).get(value, f'{variable}: {value}')
             chosen = [(a.same[mask], a.loss[mask]) for a in agreements.values()]
@@ -122,17 +134,16 @@ def _breakdown(optimum: Optimum, agreements: dict[str, Agreement]) -> str:
 
 Strict missions. A goal is active where g > 0. States with the same action:
 
-{_table(['', 'states', *agreements], same)}
+{pages.table(['', 'states', *agreements], same)}
 
 Loss, mean and in brackets the largest:
 
-{_table(['', *agreements], loss)}"""
+{pages.table(['', *agreements], loss)}"""
 
 
 def _idle(optimum: Optimum, agreement: Agreement) -> float:
     """Share of the states with active and achieved goals whose sub-MDP of least cost is idle."""
-    k = optimum.mission.k
-    active = optimum.states[:, 1 + k : 1 + 2 * k] > 0
+    active = optimum.space.split(optimum.states).g > 0
     both = active.any(axis=1) & ~active.all(axis=1)
     least = agreement.policy.part_values(optimum.states[both]).argmin(axis=1)
     return 1 - float(np.take_along_axis(active[both], least[:, None], axis=1).mean())
@@ -154,14 +165,15 @@ def _together(found: Found) -> str:
     idle = _percent(_idle(found['strict'][0], found['strict'][1]['best_value']))
     return f"""## What the theorem would have
 
-The joint policy (pi_1, .., pi_k) of the theorem is one the UAV can follow only where all sub-MDPs
-choose the same action; *of these optimal* is the share of such states where that is the optimal
-one. The last columns are the sum of V_i* over V*, which the theorem says is 1.
+The theorem's joint policy (pi_1, .., pi_k) has one action for each sub-MDP. One UAV can follow it
+only where all of them choose the same one. *Of these optimal* is the share of such states in which
+that action is optimal. The last columns are the sum of all V_i* over V*, which the theorem says
+is 1.
 
-{_table(head, rows)}
+{pages.table(head, rows)}
 
-The sub-MDP of least cost is the one with least to do: in {idle} of the (strict) states that have
-both active and achieved goals, `best_value` follows the sub-MDP of an achieved one."""
+The sub-MDP of least cost is the one with least to do. Of the (strict) states that have both active
+and achieved goals, `best_value` follows the sub-MDP of an achieved goal in {idle}."""
 
 
 def _sample(found: Found) -> str:
@@ -170,16 +182,16 @@ def _sample(found: Found) -> str:
     return f'## The sample state [{" ".join(map(str, SAMPLE))}]\n\n' + '\n\n'.join(parts)
 
 
-def _local(found: Found, state: Any, rule: str) -> tuple[list[Any], list[int | None]]:
+def _local(found: Found, state: IntArray, rule: str) -> tuple[list[FloatArray], list[int | None]]:
     """Q values of each goal's sub-MDP, and the local number of its choice."""
     optimum, agreements = found[rule]
     policy, k = agreements['best_value'].policy, optimum.mission.k
     chosen = local_choices(policy, state)[0].tolist()
-    numbers = [global_to_local(number, j, k) for j, number in enumerate(chosen, 1)]
+    numbers = [global_to_local(number, j, k) for j, number in enumerate(chosen)]
     return [values[0] for values in local_values(policy, state)], numbers
 
 
-def _sub_mdps(found: Found, state: Any) -> str:
+def _sub_mdps(found: Found, state: IntArray) -> str:
     names = ['none', 'commit', 'none, agile', 'commit, agile', 'recharge', 'repair']
     rows = [[f'{number} {name}'] for number, name in enumerate(names, 1)]
     for rule in found:
@@ -188,13 +200,14 @@ def _sub_mdps(found: Found, state: Any) -> str:
                 text = f'{value:.2f}' if np.isfinite(value) else ''
                 row.append(f'**{text}**' if number == choice else text)
     head = ['local action', *(f'goal {j}, {rule}' for rule in found for j in (1, 2, 3))]
-    return f"""Q of the local actions in each goal's sub-MDP (the paper's action value is -Q):
-empty where not allowed, bold the choice.
+    return f"""\
+Q of the local actions in each goal's sub-MDP; the paper's action value is -Q. The choice is bold;
+a field is empty where the action is not allowed.
 
-{_table(head, rows)}"""
+{pages.table(head, rows)}"""
 
 
-def _decisions(found: Found, state: Any) -> str:
+def _decisions(found: Found, state: IntArray) -> str:
     rows = []
     for rule, (optimum, agreements) in found.items():
         actions, chain = global_actions(optimum.mission), Chain(optimum.mission)
@@ -206,24 +219,26 @@ def _decisions(found: Found, state: Any) -> str:
             action = f'{number} {action_name(optimum.mission, actions[number - 1])}'
             rows.append([f'{name}, {rule}', action, next_, f'{at[number - 1]:.2f}'])
     head = ['method', 'global action', 'likeliest next state', 'Q*']
-    return f'What each method does:\n\n{_table(head, rows)}'
+    return f'What each method does:\n\n{pages.table(head, rows)}'
 
 
-def _difference(found: Found, state: Any) -> str:
-    values, choices = _local(found, state, 'seed')
+def _difference(found: Found, state: IntArray) -> str:
+    values, choices = _local(found, state, 'paper')
     costs = [value.min() for value in values]
-    numbers = {name: int(a.policy.act(state)[0]) for name, a in found['seed'][1].items()}
+    numbers = {name: int(a.policy.act(state)[0]) for name, a in found['paper'][1].items()}
     best = numbers.pop('exact')
     alike = ', '.join(name for name, number in numbers.items() if number == best)
     paper, ours = (', '.join(map(str, local)) for local in (PAPER_CHOICES, choices))
-    return f"""- The paper: local choices {paper}; goal {PAPER_GOAL} is followed by global action
-  5, and the global policy reaches the same next state.
-- Here, every action allowed as in the paper: local choices {ours}; the least cost is that of goal
-  {np.argmin(costs) + 1}, the largest that of goal {np.argmax(costs) + 1}; global action {best} is
-  optimal, and also that of: {alike or 'none'}.
+    return f"""\
+- The paper: the local choices are {paper}. It follows goal {PAPER_GOAL} with global action 5, and
+  the global policy reaches the same next state.
+- Here, with every action allowed as in the paper: the local choices are {ours}. Goal
+  {np.argmin(costs) + 1} has the least cost and goal {np.argmax(costs) + 1} the largest. Global
+  action {best} is optimal; the same is chosen by: {alike or 'none'}.
 
-In this state goal 1 is achieved and goal 2 out of range. The paper publishes neither weights nor
-probabilities, so its values cannot be had again; the case study's are this project's own."""
+In this state goal 1 is achieved and goal 2 is out of range. The paper publishes neither weights
+nor probabilities, so its values cannot be found again. Those of the case study are this project's
+own."""
 
 
 def _draw(agreements: dict[str, Agreement], file: Path) -> None:
