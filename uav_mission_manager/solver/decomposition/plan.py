@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -60,7 +60,7 @@ class Part:
 
     def to_dict(self, mission: Mission) -> dict[str, Any]:
         """Return the part for JSON: goals and fault modes by name, cells as first and last."""
-        return asdict(self) | {
+        return vars(self) | {
             'goals': [mission.goals[j].name for j in self.goals],
             'cells': _runs(self.cells),
             'faults': [FAULT_MODES[f - 1] for f in self.faults],

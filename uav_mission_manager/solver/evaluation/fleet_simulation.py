@@ -29,7 +29,7 @@ class FleetSimulator:
         self.mission = mission
         self._uav = Simulator(mission)
         self._savings = commitment_savings(mission)
-        # What a goal costs the fleet: range lost, a cost where g_j = 0 too, each UAV has for itself.
+        # What a goal costs where g_j = 0, range lost, is each UAV's own cost.
         costs = goal_costs(mission)
         self._shared = costs - costs[:, :1]
 

@@ -4,7 +4,7 @@ In a state at hand the score of goal j is
 
     rho_j = (w_1 reward + w_2 urgency + w_3 (1 - risk) + w_4 (1 - resources)) / sum w
 
-or 0 where nothing is wanted of the goal (g_j = 0); that of a sub-MDP is its best goal's. The
+or 0 where nothing is wanted of the goal (g_j = 0); the sub-MDP M_j has the score of its goal. The
 paper names the four without a formula. Here each is a number in [0, 1]:
 
 - reward = eta_j g_j r_j / (2 max_i eta_i): what commitment to the goal saves an epoch, of the
@@ -23,7 +23,6 @@ With the weights (1, 0, 0, 0) the first of L is the choice of
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,7 +38,6 @@ from uav_mission_manager.mdp.dynamics import (
 from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.mdp.routes import distances, epochs_of_flight, next_hops
 from uav_mission_manager.mdp.states import StateSpace
-from uav_mission_manager.solver.submdp import SubMdp
 
 
 @dataclass(frozen=True)
@@ -61,7 +59,7 @@ class PriorityWeights:
 
 
 class PriorityScore:
-    """rho of a mission's goals and sub-MDPs in any state.
+    """rho of a mission's goals in any state.
 
     Parameters
     ----------
@@ -100,11 +98,6 @@ class PriorityScore:
         terms = self.terms(states)
         terms[..., 2:] = 1 - terms[..., 2:]
         return np.where(self._space.split(states).g > 0, terms @ self._weights, 0.0)
-
-    def of(self, subs: Sequence[SubMdp], states: IntArray) -> FloatArray:
-        """Rho of sub-MDPs that track some goal in states (N, 2k+5), shape (N, sub-MDPs)."""
-        scores = self.of_goals(states)
-        return np.stack([scores[:, list(sub.goals)].max(axis=1) for sub in subs], axis=1)
 
 
 def ranked(scores: FloatArray) -> IndexArray:
