@@ -8,7 +8,6 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from test_packaging import commands
 
 ROOT = Path(__file__).parents[2]
 MODEL, THEORY, README = (ROOT / name for name in ('docs/model.md', 'docs/theory.md', 'README.md'))
@@ -91,6 +90,18 @@ def table_commands(text: str) -> list[str]:
     return found
 
 
+@cache
+def console_scripts() -> set[str]:
+    """Names of the commands in setup.py."""
+    body = ast.parse((ROOT / 'setup.py').read_text('utf-8')).body
+    [commands] = [
+        node.value
+        for node in body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == 'COMMANDS'
+    ]
+    return set(ast.literal_eval(commands))
+
+
 def starts(command: str) -> bool:
     """Whether a command, in backticks, starts with something that exists."""
     match = INLINE.fullmatch(command)
@@ -106,7 +117,7 @@ def starts(command: str) -> bool:
         rules = re.findall(r'^([\w-]+):', (ROOT / 'Makefile').read_text('utf-8'), re.MULTILINE)
         return arguments[0] in rules
     given = [argument for argument in arguments if argument.startswith(('config/', 'policies/'))]
-    return program in commands() and all((ROOT / argument).exists() for argument in given)
+    return program in console_scripts() and all((ROOT / argument).exists() for argument in given)
 
 
 @pytest.mark.parametrize('page', [MODEL, THEORY, README], ids=lambda page: page.name)
