@@ -40,10 +40,10 @@ def publish(file: Path, title: str, sections: Sequence[str]) -> None:
     text = '\n\n'.join([f'# {title}', written_by(), *sections]) + '\n'
     known = DOCS / file.name
     before = known.read_text(encoding='utf-8') if known.exists() else ''
+    file.write_text(text, encoding='utf-8')
     lines = before.splitlines(), text.splitlines()
     names = f'docs/{file.name} before', str(file.relative_to(ROOT))
     print(*difflib.unified_diff(*lines, *names, n=0, lineterm=''), sep='\n')
-    file.write_text(text, encoding='utf-8')
     print(f'wrote {names[1]}')
 
 
