@@ -45,6 +45,9 @@ FEASIBILITY = {
     'paper': 'every action everywhere, as in the paper',
 }
 
+SUB_MDPS = {'best_value': 'six actions, no travel cost', 'split': 'all actions, costs split'}
+"""What the sub-MDPs of a method keep."""
+
 Found = dict[str, tuple[Optimum, dict[str, Agreement]]]
 
 
@@ -152,7 +155,7 @@ def _idle(optimum: Optimum, agreement: Agreement) -> float:
 def _together(found: Found) -> str:
     rows = []
     for rule, (optimum, agreements) in found.items():
-        for name, what in (('best_value', "the paper's"), ('split', 'costs split, all actions')):
+        for name, what in SUB_MDPS.items():
             policy = agreements[name].policy
             choices = local_choices(policy, optimum.states)
             one = (choices == choices[:, :1]).all(axis=1)
@@ -161,7 +164,14 @@ def _together(found: Found) -> str:
             shares = map(_percent, (one.mean(), right.mean()))
             ratios = (f'{x:.2f}' for x in (ratio.min(), ratio.mean(), ratio.max()))
             rows.append([f'{what}; {rule}', *shares, *ratios])
-    head = ['sub-MDPs', 'one action for all', 'of these optimal', 'least', 'mean', 'largest']
+    head = [
+        'sub-MDPs; feasibility',
+        'one action for all',
+        'of these optimal',
+        'least',
+        'mean',
+        'largest',
+    ]
     idle = _percent(_idle(found['strict'][0], found['strict'][1]['best_value']))
     return f"""## What the theorem would have
 
@@ -218,23 +228,24 @@ def _decisions(found: Found, state: IntArray) -> str:
             next_ = f'[{" ".join(map(str, likely.tolist()))}]'
             action = f'{number} {action_name(optimum.mission, actions[number - 1])}'
             rows.append([f'{name}, {rule}', action, next_, f'{at[number - 1]:.2f}'])
-    head = ['method', 'global action', 'likeliest next state', 'Q*']
+    head = ['method, feasibility', 'global action', 'likeliest next state', 'Q*']
     return f'What each method does:\n\n{pages.table(head, rows)}'
 
 
 def _difference(found: Found, state: IntArray) -> str:
     values, choices = _local(found, state, 'paper')
     costs = [value.min() for value in values]
+    least, most = int(np.argmin(costs)) + 1, int(np.argmax(costs)) + 1
     numbers = {name: int(a.policy.act(state)[0]) for name, a in found['paper'][1].items()}
     best = numbers.pop('exact')
     alike = ', '.join(name for name, number in numbers.items() if number == best)
     paper, ours = (', '.join(map(str, local)) for local in (PAPER_CHOICES, choices))
     return f"""\
-- The paper: the local choices are {paper}. It follows goal {PAPER_GOAL} with global action 5, and
-  the global policy reaches the same next state.
-- Here, with every action allowed as in the paper: the local choices are {ours}. Goal
-  {np.argmin(costs) + 1} has the least cost and goal {np.argmax(costs) + 1} the largest. Global
-  action {best} is optimal; the same is chosen by: {alike or 'none'}.
+- In the paper the local choices are {paper}. Goal {PAPER_GOAL} is followed, by global action 5.
+  The global policy reaches the same next state.
+- Here, with every action allowed as in the paper, the local choices are {ours}. The least cost
+  is that of goal {least}, the largest that of goal {most}. Global action {best} is optimal.
+  The same is chosen by: {alike or 'none'}.
 
 In this state goal 1 is achieved and goal 2 is out of range. The paper publishes neither weights
 nor probabilities, so its values cannot be found again. Those of the case study are this project's
