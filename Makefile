@@ -26,8 +26,9 @@ endif
 help:
 	@echo 'make demo    fly a mission in simulation, on one terminal'
 	@echo 'make test    run the tests (ARGS="-k name" for some)'
-	@echo 'make lint    ruff and mypy'
-	@echo 'make bench   run the benchmarks'
+	@echo 'make lint    ruff (rules and format) and mypy'
+	@echo 'make bench   run the benchmarks and show what differs from docs/ (UPDATE=1 writes it there)'
+	@echo '             (SCRIPTS=benchmarks/solve.py for some, ARGS="--goals 8" for its options)'
 	@echo 'make clean   remove $(VENV), build results and caches'
 	@echo 'PYTHON=python3.12 VENV=.venv312 choose another interpreter and its own venv'
 
@@ -44,10 +45,13 @@ lint: $(READY)
 	$(RUN) -m ruff format --check
 	$(RUN) -m mypy
 
+# Pages go to build/bench/; with UPDATE=1 they replace those in docs/. ARGS are one script's.
+SCRIPTS ?= $(wildcard benchmarks/*.py)
 bench: $(READY)
 	@$(INSTALL) -r requirements-bench.txt
-	@set -e; for script in $(wildcard benchmarks/*.py); do \
-	  echo "$$script"; PYTHONPATH="$(CURDIR)$${PYTHONPATH:+:$$PYTHONPATH}" $(RUN) "$$script" $(ARGS); \
+	@set -e; for script in $(SCRIPTS); do \
+	  echo "$$script"; PYTHONPATH="$(CURDIR)$${PYTHONPATH:+:$$PYTHONPATH}" \
+	    $(RUN) "$$script" $(ARGS) $(if $(UPDATE),--update); \
 	done
 
 $(READY): $(REQUIREMENTS)
