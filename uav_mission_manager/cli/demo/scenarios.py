@@ -35,15 +35,16 @@ def case_one(flight: Flight) -> Iterator[Wait]:
 def three_goals(flight: Flight) -> Iterator[Wait]:
     """Priorities change, a threat appears, a motor weakens, the battery runs low."""
     first, second, third = (goal.name for goal in flight.mission.goals)
+    threatened = flight.mission.goals[1].cell
     yield 'the vehicle ready at the base', lambda: flight.command == 'none normal' and flight.home
-    flight.meet('high', cell=2)
+    flight.meet('high', cell=threatened)
     flight.ask(**{first: 1, third: 1})
     yield 'the first commitment', lambda: flight.command.startswith('commit') and flight.armed
     yield 'one goal completed', lambda: bool(flight.completed)
     left = {name: 1 for name in (first, third) if name not in flight.completed}
     flight.ask(**left, **{second: 2})
     yield f'the way to {second}', lambda: flight.command.startswith(f'commit {second}')
-    yield 'evasion in the threatened cell', lambda: flight.command.endswith('agile')
+    yield 'agile flight under threat', lambda: flight.command == f'commit {second} agile'
     yield f'{second} completed', lambda: second in flight.completed
     flight.meet('none')
     flight.inject(
