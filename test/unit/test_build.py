@@ -32,11 +32,11 @@ def test_auto_keeps_to_t_max(mission):
 
 def test_auto_keeps_to_the_memory(mission, monkeypatch):
     monkeypatch.setattr(memory, 'SMALL', 0)
-    monkeypatch.setattr(memory, 'available_bytes', lambda: 1 << 20)
+    monkeypatch.setattr(memory, 'available_bytes', lambda: 12 << 20)
     policy = build_policy(mission, order=1, certificate=False)
     assert policy.method == 'expansion'
     assert policy.reason.startswith('expansion: the exact solution needs ')
-    assert policy.reason.endswith(' of memory, 1 MiB are free')
+    assert policy.reason.endswith(' of memory, 12 MiB are free')
 
 
 def test_auto_does_not_begin_what_cannot_end_in_time(mission, monkeypatch):

@@ -258,7 +258,8 @@ def _recombined(method: str, job: Job) -> RecombinedPolicy:
     mission = job.mission
     max_states = job.max_states or state_count(1, mission.grid.q, 8)
     plan = decompose(mission, max_states, 'goal')
-    subs = RECOMBINATIONS[method].sub_mdps(mission)
+    by_goals = {sub.goals: sub for sub in RECOMBINATIONS[method].sub_mdps(mission)}
+    subs = [by_goals[goals] for goals in sorted(part.goals for part in plan.parts)]
     with workers(job.jobs or 1, job.scheduler) as pool:
         solve = partial(value_iteration, precision=job.precision, threads=1)
         names = [f'sub-MDP of {mission.goals[sub.goals[0]].name}' for sub in subs]
