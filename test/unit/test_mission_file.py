@@ -15,11 +15,17 @@ from strategies import CASE_STUDY, case_study, missions
 from uav_mission_manager.mdp import MissionError, load_mission, mission_from_dict
 
 OPTIONAL = [
-    ('feasibility',), ('grid', 'cell_size'), ('grid', 'origin'), ('faults', 'repair_success'),
-    ('threat', 'zones'), ('service_cost',), ('energy',),
+    ('feasibility',),
+    ('grid', 'cell_size'),
+    ('grid', 'origin'),
+    ('faults', 'repair_success'),
+    ('threat', 'zones'),
+    ('service_cost',),
+    ('energy',),
 ]
 OPTIONAL_WITHIN = [
-    ('service_cost', 'recharge'), ('service_cost', 'repair'),
+    ('service_cost', 'recharge'),
+    ('service_cost', 'repair'),
     *(('threat', 'zones', cell) for cell in (0, 1, 2, 6)),
 ]
 WHOLE = {('grid', name) for name in ('rows', 'cols', 'base', 'service')} | {('goals', 0, 'cell')}
@@ -100,7 +106,10 @@ def test_priority_transition_of_the_goal_before_the_missions():
     document['goals'][1]['priority_transition'] = own
     mission = mission_from_dict(document, 'test')
     assert [list(map(list, goal.priority_transition)) == own for goal in mission.goals] == [
-        False, True, False]
+        False,
+        True,
+        False,
+    ]
     del document['priority_transition']
     with pytest.raises(MissionError, match=r'^test: goals\[0\]\.priority_transition: is missing$'):
         mission_from_dict(document, 'test')
@@ -117,7 +126,7 @@ def numbers(value):
     elif isinstance(value, list):
         for i, entry in enumerate(value):
             for bad in numbers(entry):
-                yield [*value[:i], bad, *value[i + 1:]]
+                yield [*value[:i], bad, *value[i + 1 :]]
 
 
 @pytest.mark.parametrize('path', FIELDS, ids=name_of)
@@ -139,24 +148,48 @@ def test_wrong_type(path, tmp_path):
 OUT_OF_RANGE = [
     *((path, value) for path in WHOLE for value in (-1, 0.5, 1.0, math.nan)),
     *((path, 8) for path in WHOLE - {('grid', 'rows'), ('grid', 'cols')}),
-    (('grid', 'rows'), 0), (('grid', 'cols'), 0),
+    (('grid', 'rows'), 0),
+    (('grid', 'cols'), 0),
     *((('discount',), value) for value in (0, 1, 1.0, -0.1, 1.5, 95)),
-    *((('faults', 'rate', part), value) for part in ('sensor', 'actuator', 'camera')
-      for value in (-0.01, 1.01)),
+    *(
+        (('faults', 'rate', part), value)
+        for part in ('sensor', 'actuator', 'camera')
+        for value in (-0.01, 1.01)
+    ),
     *((('faults', 'agile_factor', part), -0.5) for part in ('sensor', 'actuator', 'camera')),
     *((('range', 'loss', mode), value) for mode in ('normal', 'agile') for value in (-1e-9, 2)),
-    *((path, value) for path in [('threat', 'onset'), ('threat', 'high_share'),
-                                 ('threat', 'zones', 2)] for value in (-0.1, 1.1)),
-    *((path, -1.0) for path in [('goals', 0, 'eta'), ('goals', 0, 'delta'), ('range', 'cost'),
-                                ('distance_weight',), ('service_cost', 'recharge'),
-                                ('service_cost', 'repair')]),
-    *((('energy', key), value) for key in ('capacity', 'voltage', 'power', 'speed')
-      for value in (0, -1.5)),
+    *(
+        (path, value)
+        for path in [('threat', 'onset'), ('threat', 'high_share'), ('threat', 'zones', 2)]
+        for value in (-0.1, 1.1)
+    ),
+    *(
+        (path, -1.0)
+        for path in [
+            ('goals', 0, 'eta'),
+            ('goals', 0, 'delta'),
+            ('range', 'cost'),
+            ('distance_weight',),
+            ('service_cost', 'recharge'),
+            ('service_cost', 'repair'),
+        ]
+    ),
+    *(
+        (('energy', key), value)
+        for key in ('capacity', 'voltage', 'power', 'speed')
+        for value in (0, -1.5)
+    ),
     *((('energy', key), -0.5) for key in ('wind', 'wind_penalty', 'payload', 'payload_penalty')),
-    (('grid', 'cell_size'), 0), (('grid', 'cell_size'), -50.0),
-    (('grid', 'origin', 'latitude'), 90.5), (('grid', 'origin', 'longitude'), -180.5),
-    (('feasibility',), 'lax'), (('name',), ''), (('name',), 'two words'),
-    (('name',), 'two\nlines'), (('goals',), []), (('goals', 0, 'name'), 'goal 1'),
+    (('grid', 'cell_size'), 0),
+    (('grid', 'cell_size'), -50.0),
+    (('grid', 'origin', 'latitude'), 90.5),
+    (('grid', 'origin', 'longitude'), -180.5),
+    (('feasibility',), 'lax'),
+    (('name',), ''),
+    (('name',), 'two words'),
+    (('name',), 'two\nlines'),
+    (('goals',), []),
+    (('goals', 0, 'name'), 'goal 1'),
     (('distance_weight',), 10**400),
 ]
 
@@ -171,12 +204,15 @@ ROWS = [('priority_transition', 1), ('threat', 'from_low'), ('threat', 'from_hig
 
 
 @pytest.mark.parametrize('path', ROWS, ids=name_of)
-@pytest.mark.parametrize(('row', 'says'), [
-    ([0.9, 0.0, 0.0], r'row \[0\.9, 0\.0, 0\.0\] sums to 0\.9'),
-    ([0.5, 0.5, 1e-6], r'sums to 1\.000001'),
-    ([1.5, -0.5, 0.0], r'1\.5 is outside 0\.\.1'),
-    ([0.5, 0.5], r'\[0\.5, 0\.5\] is not a list of 3 numbers'),
-])
+@pytest.mark.parametrize(
+    ('row', 'says'),
+    [
+        ([0.9, 0.0, 0.0], r'row \[0\.9, 0\.0, 0\.0\] sums to 0\.9'),
+        ([0.5, 0.5, 1e-6], r'sums to 1\.000001'),
+        ([1.5, -0.5, 0.0], r'1\.5 is outside 0\.\.1'),
+        ([0.5, 0.5], r'\[0\.5, 0\.5\] is not a list of 3 numbers'),
+    ],
+)
 def test_row_that_is_no_distribution(path, row, says, tmp_path):
     message = refusal(tmp_path, put(path, row))
     assert re.match(rf'{re.escape(name_of(path[:1]))}.*: .*{says}', message)
@@ -186,29 +222,45 @@ def test_row_of_thirds_is_a_distribution():
     mission_from_dict(put(('threat', 'from_low'), [1 / 3, 1 / 3, 0.3333333333]), 'test')
 
 
-@pytest.mark.parametrize(('path', 'length'), [
-    (('priority_transition',), 2), (('faults', 'completion'), 7), (('faults', 'cost'), 9),
-    (('threat', 'cost'), 2),
-], ids=str)
+@pytest.mark.parametrize(
+    ('path', 'length'),
+    [
+        (('priority_transition',), 2),
+        (('faults', 'completion'), 7),
+        (('faults', 'cost'), 9),
+        (('threat', 'cost'), 2),
+    ],
+    ids=str,
+)
 def test_list_of_the_wrong_length(path, length, tmp_path):
     good = value_at(case_study(), path)
     bad = (good * 2)[:length]
     assert refusal(tmp_path, put(path, bad)).startswith(f'{name_of(path)}: {bad!r} ')
 
 
-@pytest.mark.parametrize(('place', 'key', 'nearest'), [
-    ((), 'discont', 'discount'), (('grid',), 'row', 'rows'), (('goals', 1), 'Eta', 'eta'),
-    (('faults', 'rate'), 'sensors', 'sensor'), (('threat',), 'fromlow', 'from_low'),
-    (('energy',), 'winds', 'wind'), (('grid', 'origin'), 'lat', 'latitude'),
-    (('service_cost',), 'recharging', 'recharge'), ((), 'two\nlines', None), ((), 3, None),
-])
+@pytest.mark.parametrize(
+    ('place', 'key', 'nearest'),
+    [
+        ((), 'discont', 'discount'),
+        (('grid',), 'row', 'rows'),
+        (('goals', 1), 'Eta', 'eta'),
+        (('faults', 'rate'), 'sensors', 'sensor'),
+        (('threat',), 'fromlow', 'from_low'),
+        (('energy',), 'winds', 'wind'),
+        (('grid', 'origin'), 'lat', 'latitude'),
+        (('service_cost',), 'recharging', 'recharge'),
+        ((), 'two\nlines', None),
+        ((), 3, None),
+    ],
+)
 def test_unknown_key(place, key, nearest, tmp_path):
     document = case_study()
     parent(document, (*place, ''))[key] = 0.5
     message = refusal(tmp_path, document)
     assert ' is unknown' in message
-    assert nearest is None or message.endswith(f'{key}: is unknown; the nearest known key is '
-                                               f'{nearest!r}')
+    assert nearest is None or message.endswith(
+        f'{key}: is unknown; the nearest known key is {nearest!r}'
+    )
 
 
 @pytest.mark.parametrize('cell', [8, -1, 'two', 1.5, '2'], ids=repr)
@@ -223,18 +275,22 @@ def test_two_goals_of_one_name(tmp_path):
     assert re.match(r"goals\[2\]\.name: 'goal1' ", message)
 
 
-@pytest.mark.parametrize(('text', 'says'), [
-    ('name: a\nname: b\n', "'name'"),
-    ('grid: {rows: 1, cols: 1, rows: 2}', "'rows'"),
-    ('goals: [a', 'not valid YAML'),
-    ('a: !!python/object:os.system 1', 'not valid YAML'),
-    ('name: 2020-13-45', 'not valid YAML'),
-    ('[' * 5000, 'not valid YAML'),
-    ('? [a]\n: b', 'not valid YAML'),
-    ('', 'None is not a mapping'),
-    ('- 1', '[1] is not a mapping'),
-    (b'\xff\xfe\x00', 'cannot be read'),
-], ids=lambda x: str(x)[:20])
+@pytest.mark.parametrize(
+    ('text', 'says'),
+    [
+        ('name: a\nname: b\n', "'name'"),
+        ('grid: {rows: 1, cols: 1, rows: 2}', "'rows'"),
+        ('goals: [a', 'not valid YAML'),
+        ('a: !!python/object:os.system 1', 'not valid YAML'),
+        ('name: 2020-13-45', 'not valid YAML'),
+        ('[' * 5000, 'not valid YAML'),
+        ('? [a]\n: b', 'not valid YAML'),
+        ('', 'None is not a mapping'),
+        ('- 1', '[1] is not a mapping'),
+        (b'\xff\xfe\x00', 'cannot be read'),
+    ],
+    ids=lambda x: str(x)[:20],
+)
 def test_file_that_is_no_mission(text, says, tmp_path):
     assert says in refusal(tmp_path, text)
 
