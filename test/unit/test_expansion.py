@@ -189,7 +189,7 @@ def many_goals(k):
 @pytest.mark.parametrize(
     ('order', 'limit', 'groups'),
     [
-        (2, 4608, [(1, 1, 3)]),
+        (2, 4608, [(1, 1, 3), (2, 0, 3)]),
         (2, 41_472, [(1, 1, 3), (2, 2, 3), (3, 1, 1)]),
         (3, 41_472, [(1, 1, 3), (2, 2, 3), (3, 1, 1)]),
         (3, 331_776, [(1, 1, 3), (2, 2, 3), (3, 3, 1)]),
@@ -261,13 +261,13 @@ def test_a_fit_that_runs_away_is_tried_in_more_points(monkeypatch):
         tried.append((clusters.features, len(x)))
         return None if len(tried) < 3 else fit_once(reduced, clusters, x, *rest)
 
-    monkeypatch.setattr(fit, 'WHOLE', 0)
-    monkeypatch.setattr(fit, 'LEAST', 100)
+    monkeypatch.setattr(fit, 'COMPLETE_DESIGN', 0)
+    monkeypatch.setattr(fit, 'LEAST_POINTS', 100)
     monkeypatch.setattr(fit, '_fit', running_away)
     clusters = Clusters.up_to(mission, 1, 4608)
     found = fit_expansion(mission, clusters)
-    assert tried == [(31, 100), (31, 124), (31, 248)]
-    assert found.points == 248
+    assert tried == [(91, 364), (91, 728), (91, 1456)]
+    assert found.points == 1456
     assert found.converged
 
 
@@ -280,8 +280,8 @@ def test_what_does_not_settle_gives_way_to_what_does(monkeypatch):
             fit_once(reduced, clusters, *rest) if clusters.features <= 100 else None
         ),
     )
-    monkeypatch.setattr(fit, 'WHOLE', 0)
-    monkeypatch.setattr(fit, 'FIRST', 100)
+    monkeypatch.setattr(fit, 'COMPLETE_DESIGN', 0)
+    monkeypatch.setattr(fit, 'FIRST_FEATURES', 100)
     clusters = Clusters.up_to(mission, 2, cluster_states(mission, 2))
     found = fit_expansion(mission, clusters)
     assert found.clusters == clusters.within(100) != clusters

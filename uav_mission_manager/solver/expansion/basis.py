@@ -4,12 +4,12 @@ A feature is a product over the goals of a cluster T of one function of each x_j
 Given the regime of an epoch, the x_j move independently, so that the expectation of a feature is
 the product of the expectations: E[prod b(x_j')] = prod E[b(x_j')].
 
-Five functions and the constant tell all six x_j apart. The first two, the *coarse* ones, tell
-apart what matters most: out of range, in range and idle, in range and wanted. A feature of n
-goals with i factors that are not coarse is a function on a sub-MDP in which i of the goals take
-six values and the others two, and all features without such factors are on one in which each
-takes three. So a cluster of three goals with at most one such factor each is made of sub-MDPs no
-larger than that of two goals in full, 41,472 states on 8 cells.
+Five functions and the constant tell all six x_j apart. The first three, the *coarse* ones, ask
+what matters most, each with two answers: whether the goal is in range, whether it is wanted in
+range, and whether it is wanted. A feature of n goals with i factors that are not coarse is made
+of functions on sub-MDPs in which i of the goals take six values and the others two. So a cluster
+of three goals with at most one such factor each is made of sub-MDPs smaller than that of two
+goals in full, 41,472 states on 8 cells.
 """
 
 from __future__ import annotations
@@ -44,8 +44,9 @@ order are in it, it may have half as many more."""
 Outcome = tuple[int, int | None]
 """What an epoch does to the goals: its regime, and the goal that is completed or None."""
 
-COARSE = 2
-"""Functions of each x_j that are coarse."""
+COARSE, COARSEST = 3, 2
+"""Functions of each x_j that are coarse, and those of them that features of detail 0 are made of:
+measured, many clusters of the coarsest two are worth more than a few of all three."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class Group:
     Attributes
     ----------
     detail : int
-        Most factors of a feature that are not coarse.
+        Most factors of a feature that are not coarse; with 0 all are of the coarsest.
     clusters : tuple of tuple of int
         Goals from 0, ascending; those that couple most closely first.
     """
@@ -179,13 +180,14 @@ def cluster_states(mission: Mission, n: int, values: int | None = None) -> int:
 
 
 def _features(n: int, detail: int) -> int:
-    rest = X_VALUES - 1 - COARSE
-    return sum(math.comb(n, i) * rest**i * COARSE ** (n - i) for i in range(min(detail, n) + 1))
+    coarse = COARSE if detail else COARSEST
+    fine = X_VALUES - 1 - coarse
+    return sum(math.comb(n, i) * fine**i * coarse ** (n - i) for i in range(min(detail, n) + 1))
 
 
 def _values(n: int, detail: int) -> int:
     """Values that x_1..x_n take together in the largest sub-MDP of a cluster."""
-    return X_VALUES**n if detail >= n else max(X_VALUES**detail * 2 ** (n - detail), 3**n)
+    return X_VALUES ** min(detail, n) * 2 ** max(n - detail, 0)
 
 
 class Basis:
@@ -209,9 +211,9 @@ class Basis:
 
     def __init__(self, reduced: ReducedMission, clusters: Clusters) -> None:
         self.reduced, self.clusters, self.size = reduced, clusters, clusters.features
-        wanted = X_RANGE * (X_PRIORITY > 0)
-        columns = np.column_stack([np.ones(6), X_RANGE, wanted, np.eye(6)[:, 2:5]])
-        functions = _orthonormal(columns)
+        wanted = X_PRIORITY > 0
+        coarse = np.ones(X_VALUES), X_RANGE, X_RANGE * wanted, wanted
+        functions = _orthonormal(np.column_stack([*coarse, np.eye(X_VALUES)[:, 2:4]]))
         self._now = np.broadcast_to(functions, (1, reduced.n, *functions.shape))
         self._next = reduced.goals @ functions
         self._completed = reduced.completed @ functions
@@ -224,10 +226,11 @@ class Basis:
     def _products(self) -> list[tuple[int, ...]]:
         products: list[tuple[int, ...]] = [()]
         for group in self.clusters.groups:
+            coarse = COARSE if group.detail else COARSEST
             chosen = [
                 functions
                 for functions in itertools.product(range(1, X_VALUES), repeat=group.n)
-                if sum(b > COARSE for b in functions) <= group.detail
+                if sum(b > coarse for b in functions) <= group.detail
             ]
             for goals in group.clusters:
                 offsets = [X_VALUES * j for j in goals]
