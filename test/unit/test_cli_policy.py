@@ -125,6 +125,7 @@ def test_build_without_a_certificate(tmp_path):
         (('--max-states', '10'), 'T_max = 10'),
         (('--method', 'exact', '--max-states', '10'), 'T_max = 10'),
         (('--jobs', '0'), 'jobs 0'),
+        (('--max-states', '0'), 'max_states 0'),
         (('--method', 'expansion', '--resume'), "method 'expansion' cannot be resumed"),
         (('--method', 'expansion', '--scheduler', 'tcp://127.0.0.1:9'), 'tcp://127.0.0.1:9'),
     ],

@@ -128,8 +128,9 @@ def build_policy(
         raise ValueError(f'method {method!r} is none of {", ".join(BUILDERS)}')
     if order < 1:
         raise ValueError(f'order {order} must be at least 1')
-    if jobs is not None and jobs < 1:
-        raise ValueError(f'jobs {jobs} must be above 0')
+    for name, value in (('max_states', max_states), ('jobs', jobs)):
+        if value is not None and value < 1:
+            raise ValueError(f'{name} {value} must be above 0')
     if checkpoint is not None and method not in ('auto', 'exact'):
         raise ValueError(f'method {method!r} cannot be resumed from a checkpoint; exact can')
     job = Job(
