@@ -1,6 +1,7 @@
 """Imports run one way: mdp <- solver <- policy <- onboard <- nodes, cli; autopilot is beside.
 
-So they do between the rooms of the solver, which all stand on its ground floor.
+So they do between the rooms of the solver, which all stand on its ground floor. And no two modules
+have one name for two things.
 """
 
 from __future__ import annotations
@@ -34,6 +35,12 @@ ROOMS = {
 }
 ROS = {'rclpy', 'ament_index_python', 'builtin_interfaces', 'rcl_interfaces', 'std_srvs'}
 MODULES = sorted((ROOT / PACKAGE).glob('*/**/*.py'))
+PLAYS_ONE_PART = {'main', 'PARAMETERS'}
+"""Names that say a part which many modules play: a command's, and a node's parameters."""
+
+NOT_YET_UNIQUE = {'Arrival', 'Outcome'}
+"""Names that may still stand in several modules."""
+
 
 
 def imports(path: Path) -> set[str]:
@@ -141,6 +148,54 @@ def test_room_of_an_import(line, expected, tmp_path, monkeypatch):
     path.parent.mkdir(parents=True)
     path.write_text(line)
     assert {room(name) for name in imports(path)} == {expected}
+
+
+def public_names(path: Path) -> set[str]:
+    """Return the functions, classes and variables that a module defines for others to use."""
+    names = set()
+    for node in ast.parse(path.read_text()).body:
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            names.add(node.name)
+        elif isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            parts = (part for target in targets for part in ast.walk(target))
+            names |= {part.id for part in parts if isinstance(part, ast.Name)}
+    return {name for name in names if not name.startswith('_')}
+
+
+def names_of_two_things(paths: list[Path]) -> dict[str, list[str]]:
+    """Return the public names that several modules define, with the modules that do."""
+    homes: dict[str, list[str]] = {}
+    for path in paths:
+        for name in public_names(path) - PLAYS_ONE_PART:
+            homes.setdefault(name, []).append(path.name)
+    return {name: modules for name, modules in sorted(homes.items()) if len(modules) > 1}
+
+
+def test_every_public_name_is_of_one_thing():
+    paths = sorted((ROOT / PACKAGE).rglob('*.py'))
+    found = names_of_two_things(paths)
+    assert {name: found[name] for name in found.keys() - NOT_YET_UNIQUE} == {}
+
+
+@pytest.mark.parametrize(
+    ('first', 'second', 'shared'),
+    [
+        ('class Battery: ...', 'class Battery: ...', ['Battery']),
+        ('def run(): ...', 'run = print', ['run']),
+        ('A, LIMIT = 1, 2', 'LIMIT: int = 3', ['LIMIT']),
+        ('def f():\n    LIMIT = 1', 'LIMIT = 1', []),
+        ('from .a import LIMIT', 'LIMIT = 1', []),
+        ("_T = TypeVar('T')", "_T = TypeVar('T')", []),
+        ('def main(): ...\nPARAMETERS = ()', 'def main(): ...\nPARAMETERS = ()', []),
+        ('__all__ = []', '__all__ = []', []),
+    ],
+)
+def test_names_of_two_things_are_found(first, second, shared, tmp_path):
+    paths = [tmp_path / 'first.py', tmp_path / 'second.py']
+    for path, text in zip(paths, (first, second), strict=True):
+        path.write_text(text)
+    assert names_of_two_things(paths) == {name: ['first.py', 'second.py'] for name in shared}
 
 
 def test_the_reference_model_shares_no_code_with_the_package():
