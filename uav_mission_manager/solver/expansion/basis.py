@@ -4,12 +4,13 @@ A feature is a product over the goals of a cluster T of one function of each x_j
 Given the regime of an epoch, the x_j move independently, so that the expectation of a feature is
 the product of the expectations: E[prod b(x_j')] = prod E[b(x_j')].
 
-Five functions and the constant tell all six x_j apart. The first three, the *coarse* ones, ask
-what matters most, each with two answers: whether the goal is in range, whether it is wanted in
-range, and whether it is wanted. A feature of n goals with i factors that are not coarse is made
-of functions on sub-MDPs in which i of the goals take six values and the others two. So a cluster
-of three goals with at most one such factor each is made of sub-MDPs smaller than that of two
-goals in full, 41,472 states on 8 cells.
+Five functions and the constant tell all six x_j apart. The first three ask what matters most, each
+with two answers: whether the goal is in range, whether it is wanted in range, whether it is
+wanted. The other two are *fine*. `RANKS` counts what a function asks beyond the first two, and a
+feature is the more detailed the higher the sum of its factors' ranks. With i fine factors of n it
+is made of functions on sub-MDPs in which i of the goals take six values and the others two. So
+features of three goals with one fine factor are made of sub-MDPs smaller than that of two goals
+in full, 41,472 states on 8 cells.
 """
 
 from __future__ import annotations
@@ -44,9 +45,14 @@ order are in it, it may have half as many more."""
 Outcome = tuple[int, int | None]
 """What an epoch does to the goals: its regime, and the goal that is completed or None."""
 
-COARSE, COARSEST = 3, 2
-"""Functions of each x_j that are coarse, and those of them that features of detail 0 are made of:
-measured, many clusters of the coarsest two are worth more than a few of all three."""
+RANKS = (0, 0, 1, 2, 2)
+"""Detail of each function of x_j but the constant: 2 for the fine ones."""
+
+FINE = 2
+"""Rank of a fine function."""
+
+DETAILS = (0, 1, 2, 3)
+"""Details of clusters that are not in full."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +62,7 @@ class Group:
     Attributes
     ----------
     detail : int
-        Most factors of a feature that are not coarse; with 0 all are of the coarsest.
+        Largest sum of the ranks of a feature's factors, see `RANKS`; 2n of n goals in full.
     clusters : tuple of tuple of int
         Goals from 0, ascending; those that couple most closely first.
     """
@@ -91,9 +97,9 @@ class Clusters:
     def up_to(cls, mission: Mission, order: int, max_states: int) -> Clusters:
         """Clusters of at most `order` goals in full and of one more in less detail, within T_max.
 
-        All of them, where they have no more than `COMPLETE` times (order - 1) features. Else up
-        to `FEATURES` times that: those of fewer goals first, and of as many goals those that
-        couple most closely, in more detail as far as there is room.
+        Up to `COMPLETE` times (order - 1) features, where there is room for all clusters in some
+        detail. Else up to `FEATURES` times that: those of fewer goals first, and of as many goals
+        those that couple most closely, in more detail as far as there is room.
 
         Raises
         ------
@@ -114,13 +120,13 @@ class Clusters:
     def _fill(
         cls, mission: Mission, order: int, max_states: int, features: int
     ) -> tuple[Clusters, bool]:
-        """As many clusters as there is room for, and whether these are all in most detail."""
+        """As many clusters as there is room for, and whether these are all in some detail."""
         room, groups, complete, measures = features - 1, [], True, Measures(mission)
         for n in range(1, min(order + 1, mission.k) + 1):
             details = [
                 detail
-                for detail in ((1,) if n == 1 else (0, 1, n))
-                if (n <= order or detail < n)
+                for detail in ((FINE,) if n == 1 else (*DETAILS, FINE * n))
+                if (n <= order or detail < FINE * n)
                 and cluster_states(mission, n, _values(n, detail)) <= max_states
             ]
             sizes = [0, *(_features(n, detail) for detail in details)]
@@ -129,7 +135,7 @@ class Clusters:
                 most = most if n == 1 else min(most, room // size)
                 room -= most * size
                 counts.append(most)
-            complete &= not counts or counts[-1] == math.comb(mission.k, n)
+            complete &= not counts or counts[:2][-1] == math.comb(mission.k, n)
             closest = measures.closest(n) if any(counts) else ()
             starts = [*counts[1:], 0]
             for detail, start, end in list(zip(details, starts, counts))[::-1]:
@@ -180,14 +186,17 @@ def cluster_states(mission: Mission, n: int, values: int | None = None) -> int:
 
 
 def _features(n: int, detail: int) -> int:
-    coarse = COARSE if detail else COARSEST
-    fine = X_VALUES - 1 - coarse
-    return sum(math.comb(n, i) * fine**i * coarse ** (n - i) for i in range(min(detail, n) + 1))
+    """Features of n goals whose factors' ranks add up to at most `detail`."""
+    counts = np.ones(1, int)
+    for _ in range(n):
+        counts = np.convolve(counts, np.bincount(RANKS))
+    return int(counts[: detail + 1].sum())
 
 
 def _values(n: int, detail: int) -> int:
     """Values that x_1..x_n take together in the largest sub-MDP of a cluster."""
-    return X_VALUES ** min(detail, n) * 2 ** max(n - detail, 0)
+    fine = min(detail // FINE, n)
+    return X_VALUES**fine * 2 ** (n - fine)
 
 
 class Basis:
@@ -226,11 +235,10 @@ class Basis:
     def _products(self) -> list[tuple[int, ...]]:
         products: list[tuple[int, ...]] = [()]
         for group in self.clusters.groups:
-            coarse = COARSE if group.detail else COARSEST
             chosen = [
                 functions
                 for functions in itertools.product(range(1, X_VALUES), repeat=group.n)
-                if sum(b > coarse for b in functions) <= group.detail
+                if sum(RANKS[function - 1] for function in functions) <= group.detail
             ]
             for goals in group.clusters:
                 offsets = [X_VALUES * j for j in goals]
