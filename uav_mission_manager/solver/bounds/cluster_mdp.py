@@ -1,41 +1,49 @@
 """A cluster of goals as an MDP of its own, computed cell by cell.
 
 A cluster is a sub-MDP with all 2k+4 actions and a share of the costs. Its W (see
-`uav_mission_manager.solver.reduced`) is a table over (q, 3, 8, 6^n) for n goals, with
-y = (l, t, f) and x_j = 2 g_j + r_j. Actions with the same arrival share one expectation of
-(3, 8, 6^n) entries, and all that is done with the Q of a cell, (A, 3, 8, 6^n), is done while it is
-in the cache.
+`uav_mission_manager.solver.reduced`) is a table over (q, 6^n, 24) for n goals: cell, x of the
+goals, x_j = 2 g_j + r_j, and (t, f). Actions with the same arrival share one expectation of
+(6^n, 24) entries, and all that is done with the Q of a cell, (A, 6^n, 24), is done while it is in
+the cache.
+
+What an action costs is a sum of terms, each of which depends on few of the goals: h, the price of
+the threat and what f forbids on none, what a commitment saves on its own goal.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike
 
-from uav_mission_manager.mdp.arrays import IndexArray, RealArray
-from uav_mission_manager.mdp.dynamics import Regime
+from uav_mission_manager.mdp.arrays import FloatArray, IntArray, RealArray
 from uav_mission_manager.solver.reduced import X_VALUES, ReducedMission
 from uav_mission_manager.solver.span_bounds import SpanBounds
 from uav_mission_manager.solver.submdp import SubMdp
 
+THREATS_AND_FAULTS = 24
+"""Values of (t, f)."""
+
 ROUNDINGS_A_BACKUP = 64
 """Errors of one ulp of the largest number in a backup, at most, besides 6^n for the x_j."""
 
+NO_SLOT = -1
+
+Slots = tuple[int, ...]
+"""Positions of some goals among those of a cluster, ascending."""
+
+Terms = dict[Slots, RealArray]
+"""Costs of actions that add up, (q, A, 6 or 1, .., 6 or 1, 24): 6 for the goals they depend on."""
+
 
 class Arrival(NamedTuple):
-    """Where an epoch leads: a regime, a cell, and the goal (its slot) that may be completed."""
+    """Where an epoch leads: a regime, a cell, and the slot of a goal that may be completed."""
 
     regime: int
     cell: int
-    slot: int | None
-
-
-Expectations = dict[Arrival, RealArray]
-"""For each arrival a table (3, 8, 6^n) over t, f and x of the state before it."""
+    slot: int
 
 
 class ClusterMdp:
@@ -46,147 +54,209 @@ class ClusterMdp:
     sub : SubMdp
     dtype : floating type
     unit : float
-        That costs are counted in.
+        What costs are divided by.
 
     Attributes
     ----------
     shape : tuple of int
-        Of a table over the cluster's states, (q, 3, 8, 6^n).
-    x : int array (6^n, n)
-        x_j of each column.
-    state_costs : float array (8, 6^n)
+        Of a table over the cluster's states, (q, 6^n, 24).
+    axes : tuple of int
+        Of a table over actions and the states of a cell, (A, 6, .., 6, 24).
+    state_costs : float array (6^n, 24)
         What f and x cost, whatever is done.
-    action_costs : float array (q, A, 1, 8, 6^n)
-        See `ReducedMission.action_costs`.
+    terms : Terms
+        What actions cost besides; inf where what the cluster sees does not allow them. Those of
+        one goal hold the two actions that commit to it only, see `own`.
+    own : list of int array (2,)
+        Positions of the actions that commit to each goal.
+    arrivals : list of Arrival
+    leads : int array (q, A)
+        Number of the arrival of each action.
     """
 
     def __init__(self, sub: SubMdp, dtype: DTypeLike, unit: float = 1.0) -> None:
-        self.sub, self.dtype, n = sub, np.dtype(dtype), sub.n
+        self.sub, self.dtype, self.n = sub, np.dtype(dtype), sub.n
         self.reduced = reduced = ReducedMission(sub)
-        self.shape = (reduced.q, 3, 8, X_VALUES**n)
-        self.x = np.indices((X_VALUES,) * n).reshape(n, -1).T
-        goals = reduced.goal_costs[np.arange(n), self.x].sum(axis=1)
-        self.state_costs = ((reduced.fault_costs[:, None] + goals) / unit).astype(dtype)
-        costs = [reduced.action_costs(cell, self.x) / unit for cell in range(reduced.q)]
-        self.action_costs = np.array(costs, self.dtype)[:, :, None]
-        self.threat = reduced.threat.astype(dtype)
-        self.faults = (sub.mission.discount * reduced.faults).astype(dtype)
-        self.completion = reduced.completion.astype(dtype)[:, None]
+        self.shape = (reduced.q, X_VALUES**self.n, THREATS_AND_FAULTS)
+        self.axes = (len(sub.numbers), *(X_VALUES,) * self.n, THREATS_AND_FAULTS)
+        self.own = [np.flatnonzero(reduced.slots == slot) for slot in range(self.n)]
+        x = np.indices((X_VALUES,) * self.n).reshape(self.n, -1).T
+        goals = reduced.goal_costs[np.arange(self.n), x].sum(axis=1)
+        costs = goals[:, None] + np.tile(reduced.fault_costs, 3)
+        self.state_costs = self._array(costs / unit)
+        self.terms = {slots: self._array(term / unit) for slots, term in self._terms(x).items()}
+        found = self._arrivals()
+        self.arrivals = sorted({arrival for here in found for arrival in here})
+        numbers = {arrival: number for number, arrival in enumerate(self.arrivals)}
+        self.leads = np.array([[numbers[arrival] for arrival in here] for here in found])
+        self._exogenous = [self._threats_and_faults(arrival) for arrival in self.arrivals]
+        # The matrices of x, the largest by far, depend on the regime and the slot alone.
+        matrices = self._matrices()
+        self._goals = [matrices[to.regime, to.slot] for to in self.arrivals]
+        self._completion = self._array(np.tile(reduced.completion, 3))
         # Rows of transition matrices may sum to slightly more or less than 1.
         self.defect = float(np.abs(reduced.goals.sum(axis=-1) - 1).max(axis=(0, 2)).sum())
-        self.leads = [self._leads(cell) for cell in range(reduced.q)]
-        arrivals = {arrival for here, _ in self.leads for arrival in here}
-        self.moves = {arrival: self._moves(arrival) for arrival in sorted(arrivals, key=str)}
-        self.price = {arrival: self._price(arrival, unit) for arrival in self.moves}
 
-    def _leads(self, cell: int) -> tuple[list[Arrival], IndexArray]:
-        """Different arrivals from a cell, and the position of each action's among them."""
-        reduced, found = self.reduced, []
-        for a, slot in enumerate(reduced.slots.tolist()):
-            completable = slot if reduced.completes[a, cell] else None
-            regime, landing = int(reduced.regimes[a, cell]), int(reduced.landings[a, cell])
-            found.append(Arrival(regime, landing, completable))
-        different = sorted(set(found), key=str)
-        return different, np.array([different.index(arrival) for arrival in found])
+    def _array(self, values: FloatArray) -> RealArray:
+        return values.astype(self.dtype)
 
-    def _moves(self, arrival: Arrival) -> tuple[RealArray, ...]:
-        """P(x' | x), (6^n, 6^n), and where a goal may be completed the same if it is."""
-        matrices = list(self.reduced.goals[arrival.regime])
-        moves = [reduce(np.kron, matrices).astype(self.dtype)]
-        if arrival.slot is not None:
-            matrices[arrival.slot] = self.reduced.completed[arrival.regime]
-            moves.append(reduce(np.kron, matrices).astype(self.dtype))
-        return tuple(moves)
+    def _terms(self, x: IntArray) -> dict[Slots, FloatArray]:
+        reduced, every = self.reduced, tuple(range(self.n))
+        price = reduced.price[reduced.agile[:, None], reduced.landings].swapaxes(0, 1)
+        price = np.repeat(price, 8, axis=-1).reshape(self.term_shape(()))
+        if self.n == self.sub.mission.k:  # Whether recharging is allowed depends on all goals.
+            return {(): price, every: self._costs(x, every)}
+        common = self._costs(np.zeros((1, self.n), int), ())
+        common[:, np.concatenate(self.own)] = 0
+        terms: dict[Slots, FloatArray] = {(): common + price}
+        for slot in every:
+            alone = np.arange(X_VALUES)[:, None] * (np.arange(self.n) == slot)
+            terms[(slot,)] = self._costs(alone, (slot,))[:, self.own[slot]]
+        return terms
 
-    def _price(self, arrival: Arrival, unit: float) -> RealArray:
-        """Discounted E[p(t', m') | t], (3, 1, 1)."""
-        agile = int(arrival.regime == Regime.AGILE_FLIGHT)
-        price = self.reduced.price[agile, arrival.cell]
-        return (price[:, None, None] / unit).astype(self.dtype)
+    def _costs(self, x: IntArray, slots: Slots) -> FloatArray:
+        """`ReducedMission.action_costs` of some x, as a term."""
+        costs = self.reduced.action_costs(np.arange(self.reduced.q), x).transpose(1, 0, 3, 2)
+        return np.tile(costs, 3).reshape(self.term_shape(slots))
 
-    def ahead(self, values: RealArray) -> Expectations:
-        """Discounted E[W'] of each arrival, of W over (q, 3, 8, 6^n)."""
-        later = (self.threat @ values.reshape(len(values), 3, -1)).reshape(values.shape)
-        ahead = {}
-        for arrival, (moves, *completed) in self.moves.items():
-            health = (self.faults[arrival.regime] @ later[arrival.cell]).reshape(24, -1)
-            table = (health @ moves.T).reshape(self.shape[1:])
+    def term_shape(self, slots: Slots) -> tuple[int, ...]:
+        """Shape of a term that depends on some goals."""
+        axes = (X_VALUES if slot in slots else 1 for slot in range(self.n))
+        return (self.shape[0], self.axes[0], *axes, THREATS_AND_FAULTS)
+
+    def _arrivals(self) -> list[list[Arrival]]:
+        """The arrival of each action from each cell."""
+        reduced = self.reduced
+        slots = np.where(reduced.completes, reduced.slots[:, None], NO_SLOT)
+        return [
+            [Arrival(*map(int, arrival)) for arrival in zip(*here)]
+            for here in zip(reduced.regimes.T, reduced.landings.T, slots.T)
+        ]
+
+    def _threats_and_faults(self, arrival: Arrival) -> RealArray:
+        """Discounted P(t', f' | t, f), (24, 24)."""
+        threat, faults = self.reduced.threat[arrival.cell], self.reduced.faults[arrival.regime]
+        return self._array(self.sub.mission.discount * np.kron(threat, faults))
+
+    def _matrices(self) -> dict[tuple[int, int], list[RealArray]]:
+        """P(x' | x), (6^n, 6^n), by regime and slot; with a slot also that if it is completed."""
+        found = {}
+        for regime, slot in {(arrival.regime, arrival.slot) for arrival in self.arrivals}:
+            matrices = list(self.reduced.goals[regime])
+            found[regime, slot] = [self._array(_kron(matrices))]
+            if slot != NO_SLOT:
+                matrices[slot] = self.reduced.completed[regime]
+                found[regime, slot].append(self._array(_kron(matrices)))
+        return found
+
+    def ahead(self, values: RealArray) -> RealArray:
+        """Discounted E[W'] of each arrival, (arrivals, 6^n, 24), of W over (q, 6^n, 24)."""
+        ahead = np.empty((len(self.arrivals), *self.shape[1:]), self.dtype)
+        for number, arrival in enumerate(self.arrivals):
+            later = values[arrival.cell] @ self._exogenous[number].T
+            goals, *completed = self._goals[number]
+            np.matmul(goals, later, out=ahead[number])
             for instead in completed:
-                table += self.completion * ((health @ instead.T).reshape(table.shape) - table)
-            ahead[arrival] = table
+                ahead[number] += self._completion * (instead @ later - ahead[number])
         return ahead
 
-    def q_values(self, cell: int, ahead: Expectations) -> RealArray:
-        """Discounted E[W'] of the actions in a cell plus their costs, (A, 3, 8, 6^n).
+    def costs(self, shifts: Terms) -> list[RealArray]:
+        """What actions cost, with shifts added, in as few terms as possible.
 
-        inf where what the cluster sees does not allow the action.
+        Each is added to one that depends on more goals where there is one, as such additions cost
+        less than those to Q.
         """
-        arrivals, of = self.leads[cell]
-        tables = np.stack([ahead[arrival] for arrival in arrivals])
-        tables += np.stack([self.price[arrival] for arrival in arrivals])
-        q = tables.take(of, axis=0)
-        q += self.action_costs[cell]
+        left = {slots: shift.copy() for slots, shift in shifts.items()}
+        for slots, term in self.terms.items():
+            if slots not in left:
+                left[slots] = np.zeros(self.term_shape(slots), self.dtype)
+            whole = not slots or self.n == self.sub.mission.k
+            left[slots][:, slice(None) if whole else self.own[slots[0]]] += term
+        for slots in sorted(left, key=len):
+            larger = [other for other in left if set(slots) < set(other)]
+            if larger:
+                left[min(larger, key=len)] += left.pop(slots)
+        return list(left.values())
+
+    def q_values(self, cell: int, ahead: RealArray, costs: Sequence[RealArray]) -> RealArray:
+        """Discounted E[W'] of the actions in a cell plus what they cost, (A, 6, .., 24)."""
+        q = ahead.take(self.leads[cell], axis=0).reshape(self.axes)
+        for cost in costs:
+            q += cost[cell]
         return q
 
-    def leave(self, cell: int, mass: RealArray, arrived: Expectations) -> None:
-        """Add the mass (A, 3, 8, 6^n) on a cell's actions to their arrivals.
+    def sweep(self, values: RealArray, costs: Sequence[RealArray]) -> tuple[RealArray, SpanBounds]:
+        """Return the backup of W and the bounds that it gives."""
+        ahead, backup = self.ahead(values), np.empty_like(values)
+        for cell, least in enumerate(backup):
+            least[:] = self.q_values(cell, ahead, costs).min(axis=0).reshape(least.shape)
+        backup += self.state_costs
+        change = backup - values
+        discount = self.sub.mission.discount
+        return backup, SpanBounds(float(change.min()), float(change.max()), discount)
+
+    def leave(self, cell: int, mass: RealArray, arrived: RealArray) -> None:
+        """Add the mass (A, 6, .., 24) on a cell's actions to their arrivals, shape as of `ahead`.
 
         With `settle` the adjoint of the expectation.
         """
-        arrivals, of = self.leads[cell]
-        merge = (np.arange(len(arrivals))[:, None] == of).astype(self.dtype)
-        tables = (merge @ mass.reshape(len(mass), -1)).reshape(-1, *mass.shape[1:])
-        for arrival, table in zip(arrivals, tables):
-            arrived[arrival] += table
+        numbers, positions = np.unique(self.leads[cell], return_inverse=True)
+        merge = (np.arange(len(numbers))[:, None] == positions).astype(self.dtype)
+        arrived[numbers] += (merge @ mass.reshape(len(mass), -1)).reshape(-1, *self.shape[1:])
 
-    def settle(self, arrived: Expectations) -> RealArray:
-        """Discounted mass of the next states, (q, 3, 8, 6^n)."""
+    def settle(self, arrived: RealArray) -> RealArray:
+        """Discounted mass of the next states, (q, 6^n, 24), of mass on arrivals."""
         mass = np.zeros(self.shape, self.dtype)
-        for arrival, (moves, *completed) in self.moves.items():
-            table = arrived[arrival]
-            moved = np.zeros((24, self.shape[-1]), self.dtype)
+        for number, arrival in enumerate(self.arrivals):
+            goals, *completed = self._goals[number]
+            done = self._completion * arrived[number] if completed else 0
+            moved = goals.T @ (arrived[number] - done)
             for instead in completed:
-                done = self.completion * table
-                moved += done.reshape(moved.shape) @ instead
-                table = table - done
-            moved += table.reshape(moved.shape) @ moves
-            mass[arrival.cell] += self.faults[arrival.regime].T @ moved.reshape(table.shape)
-        later = self.threat.swapaxes(1, 2) @ mass.reshape(len(mass), 3, -1)
-        return later.reshape(self.shape)
+                moved += instead.T @ done
+            mass[arrival.cell] += moved @ self._exogenous[number]
+        return mass
+
+
+def value_iteration(
+    mdp: ClusterMdp, costs: Sequence[RealArray], values: RealArray, tolerance: float
+) -> tuple[RealArray, SpanBounds]:
+    """Sweep until the bounds are as close as a tolerance or rounding keeps them apart."""
+    span = np.inf
+    while True:
+        values, bounds = mdp.sweep(values, costs)
+        if bounds.gain * bounds.span <= tolerance or bounds.stalled(span):
+            return values, bounds
+        span = bounds.span
 
 
 def proven_values(
-    mdp: ClusterMdp, shifts: Sequence[RealArray], values: RealArray, tolerance: float
+    mdp: ClusterMdp, costs: Sequence[RealArray], values: RealArray, tolerance: float
 ) -> RealArray:
-    """Lower bound on a cluster's W, (q, 3, 8, 6^n), by value iteration, rounding included.
+    """Lower bound on a cluster's W, (q, 6^n, 24), by value iteration, rounding included.
 
     Parameters
     ----------
     mdp : ClusterMdp
         In double precision.
-    shifts : list of float array (A, 3, 8, 6^n)
-        What is added to the cost of each action, for each cell.
-    values : float array (q, 3, 8, 6^n)
+    costs : sequence of float array
+        See `ClusterMdp.costs`.
+    values : float array (q, 6^n, 24)
         Where to start.
     tolerance : float
-        Largest distance from the upper bound, relative to the largest number.
+        Largest distance from the upper bound, but for rounding.
     """
-    discount, span = mdp.sub.mission.discount, np.inf
-    largest = max(
-        np.abs(cost[np.isfinite(cost)]).max()
-        for cost in (mdp.state_costs, mdp.action_costs, *mdp.price.values(), *shifts)
-    )
-    while True:
-        ahead, before = mdp.ahead(values), values
-        values = np.stack(
-            [(mdp.q_values(cell, ahead) + shift).min(axis=0) for cell, shift in enumerate(shifts)]
-        )
-        values += mdp.state_costs
-        change = values - before
-        bounds = SpanBounds(float(change.min()), float(change.max()), discount)
-        magnitude = float(largest + np.abs(values).max())
-        if bounds.gain * bounds.span <= tolerance * magnitude or bounds.stalled(span):
-            break
-        span = bounds.span
-    rounding = (ROUNDINGS_A_BACKUP + values.shape[-1]) * np.finfo(values.dtype).eps + mdp.defect
-    return values + (bounds.lowest - bounds.accumulated(rounding * magnitude))
+    values, bounds = value_iteration(mdp, costs, values, tolerance)
+    largest = sum(_largest(table) for table in (mdp.state_costs, values, *costs))
+    rounding = (ROUNDINGS_A_BACKUP + mdp.shape[1]) * np.finfo(np.float64).eps + mdp.defect
+    return values + (bounds.lowest - bounds.accumulated(rounding * largest))
+
+
+def _kron(matrices: Sequence[RealArray]) -> FloatArray:
+    product: RealArray = np.ones((1, 1))
+    for matrix in matrices:
+        product = np.kron(product, matrix)
+    return product
+
+
+def _largest(values: RealArray) -> float:
+    return float(np.abs(values).max(initial=0.0, where=np.isfinite(values)))

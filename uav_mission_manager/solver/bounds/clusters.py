@@ -1,0 +1,112 @@
+"""Which clusters of goals a certificate uses, and whether they fit in memory."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from uav_mission_manager.mdp.arrays import FloatArray
+from uav_mission_manager.mdp.mission import Mission
+from uav_mission_manager.solver import memory
+from uav_mission_manager.solver.bounds.ascent import Goals, shared_goals
+from uav_mission_manager.solver.bounds.cluster_mdp import THREATS_AND_FAULTS
+from uav_mission_manager.solver.decomposition.measures import Measures
+from uav_mission_manager.solver.reduced import X_VALUES, goal_order
+from uav_mission_manager.solver.submdp import state_count
+from uav_mission_manager.solver.threads import processors
+
+HORIZONS = 6.0
+"""Steps of the ascent by default, in 1 / (1 - discount)."""
+
+LARGEST_CLUSTER = 3
+"""Most goals of a cluster: (6^n)^2 numbers move the x of each arrival."""
+
+WORK_ENTRIES = 15_000_000_000
+"""Most entries of all clusters' Q in all steps; on two processors some 4 ns an entry."""
+
+WEAK_COUPLING = 0.05
+"""Coupling, over the largest, below which pairs count as equally weak."""
+
+LARGE_TABLES = 6
+"""Tables of the size of its psi that a cluster needs while it is worked on, about."""
+
+
+def default_steps(mission: Mission) -> int:
+    """Steps of the ascent after which it gains little more."""
+    return round(HORIZONS / (1 - mission.discount))
+
+
+def covering(mission: Mission, max_states: int) -> list[Goals]:
+    """Clusters for a certificate, of at most T_max states each.
+
+    One of all goals, if it fits; else as many of the largest size as can be worked on in about a
+    minute, each goal in some three of them at least, or else of a smaller size. What helps most is
+    that every pair of goals that couple strongly is in some cluster, so each cluster is the one
+    whose pairs are in the fewest so far, in relation to their coupling.
+
+    Raises
+    ------
+    ValueError
+        If the sub-MDP of one goal has more than T_max states.
+    """
+    k, q, order = mission.k, mission.grid.q, goal_order(mission)
+    if state_count(1, q, 8) > max_states:
+        raise ValueError(f'no goal has a sub-MDP of at most T_max = {max_states:,} states')
+    coupling = Measures(mission).coupling[np.ix_(order, order)]
+    for n in range(min(LARGEST_CLUSTER, k), 0, -1):
+        entries = q * (2 * k + 4) * THREATS_AND_FAULTS * X_VALUES**n
+        affordable = WORK_ENTRIES // (entries * default_steps(mission))
+        count = min(affordable, math.comb(k, n))
+        if n == 1 or (n == k and state_count(n, q, 8) <= max_states):
+            return [tuple(range(n))] if n == k else [(j,) for j in range(k)]
+        if state_count(n, q, 8) <= max_states and count >= min(k, math.comb(k, n)):
+            break
+    chosen = _spread(coupling, n, count)
+    return [tuple(sorted(order[j] for j in cluster)) for cluster in chosen]
+
+
+def _spread(coupling: FloatArray, n: int, count: int) -> list[Goals]:
+    """So many clusters of n goals: those of goals in none so far, then of pairs least held."""
+    k = len(coupling)
+    candidates = np.array(list(itertools.combinations(range(k), n)))
+    pairs = np.array(list(itertools.combinations(range(n), 2)))
+    one, other = candidates[:, pairs].transpose(2, 0, 1)
+    held, free, missing = np.ones(coupling.shape), np.ones(len(candidates), bool), np.ones(k, bool)
+    weight = 1 / np.maximum(coupling / (coupling.max() or 1.0), WEAK_COUPLING)
+    chosen = []
+    for _ in range(count):
+        new, cost = missing[candidates].sum(axis=1), (held * weight)[one, other].sum(axis=1)
+        best = int(np.lexsort((cost, -new, ~free))[0])
+        goals = candidates[best]
+        free[best] = missing[goals] = False
+        held[np.ix_(goals, goals)] += 1
+        chosen.append(tuple(goals.tolist()))
+    return chosen
+
+
+def bound_bytes(mission: Mission, clusters: Sequence[Goals]) -> int:
+    """Estimate the memory that a lower bound from these clusters needs, in bytes."""
+    q, actions = mission.grid.q, 2 * mission.k + 4
+    shared = shared_goals(clusters)
+    size = {goals: q * actions * THREATS_AND_FAULTS * X_VALUES ** len(goals) for goals in shared}
+    tables = [q * THREATS_AND_FAULTS * X_VALUES ** len(goals) for goals in clusters]
+    moves = sum(11 * X_VALUES ** (2 * len(goals)) for goals in clusters)
+    psi = sum(size[goals] * (len(holders) + 1) for goals, holders in shared.items())
+    largest = sum(sorted(size.values())[-7:]) or max(tables) * actions
+    working = processors() * (2 * LARGE_TABLES * largest + 8 * max(tables))
+    return 4 * (psi + 4 * sum(tables) + moves + working)
+
+
+def check_memory(mission: Mission, clusters: Sequence[Goals]) -> None:
+    """Raise `MissionSizeError` where a lower bound from these clusters does not fit."""
+    needed = bound_bytes(mission, clusters)
+    if not memory.fits(needed):
+        raise memory.MissionSizeError(
+            f'mission {mission.name}: a lower bound from {len(clusters)} clusters of up to '
+            f'{max(map(len, clusters))} goals on {mission.grid.q} cells needs '
+            f'{memory.size_text(needed)} of memory, {memory.size_text(memory.available_bytes())} '
+            'are free: build without a certificate'
+        )
