@@ -97,7 +97,7 @@ class ClusterMdp:
         # Rows of transition matrices may sum to slightly more or less than 1.
         self.defect = float(np.abs(reduced.goals.sum(axis=-1) - 1).max(axis=(0, 2)).sum())
 
-    def _array(self, values: FloatArray) -> RealArray:
+    def _array(self, values: RealArray) -> RealArray:
         return values.astype(self.dtype)
 
     def _terms(self, x: IntArray) -> dict[Slots, FloatArray]:
@@ -251,7 +251,7 @@ def proven_values(
     return values + (bounds.lowest - bounds.accumulated(rounding * largest))
 
 
-def _kron(matrices: Sequence[RealArray]) -> FloatArray:
+def _kron(matrices: Sequence[RealArray]) -> RealArray:
     product: RealArray = np.ones((1, 1))
     for matrix in matrices:
         product = np.kron(product, matrix)
