@@ -266,8 +266,9 @@ def test_a_fit_that_runs_away_is_tried_in_more_points(monkeypatch):
     monkeypatch.setattr(fit, '_fit', running_away)
     clusters = Clusters.up_to(mission, 1, 4608)
     found = fit_expansion(mission, clusters)
-    assert tried == [(91, 364), (91, 728), (91, 1456)]
-    assert found.points == 1456
+    size = clusters.features
+    assert tried == [(size, 4 * size), (size, 8 * size), (size, 16 * size)]
+    assert found.points == 16 * size
     assert found.converged
 
 

@@ -11,13 +11,14 @@ products, and with them the bits of the result, do not depend on how many thread
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike
 
-from uav_mission_manager.mdp.arrays import IntArray, RealArray
+from uav_mission_manager.mdp.arrays import IndexArray, IntArray, RealArray
 from uav_mission_manager.mdp.dynamics import Regime
 from uav_mission_manager.solver import threads
 from uav_mission_manager.solver.expansion.basis import Basis, Outcome
@@ -25,8 +26,8 @@ from uav_mission_manager.solver.expansion.basis import Basis, Outcome
 BLOCK_POINTS = 512
 """Design points of a block: measured, from here on matrix products are at full speed."""
 
-Arrival = tuple[int, int, int | None]
-"""Regime, cell, and the goal that may be completed or None."""
+Arrival = tuple[int, int]
+"""Regime and cell."""
 
 Coefficients = dict[int, RealArray]
 """Coefficients of the discounted expectation over t' and f', (q, 3, 8, P), of each regime."""
@@ -71,6 +72,28 @@ class DesignBackup:
         return out
 
 
+@dataclass(frozen=True)
+class _Completion:
+    """An action that may complete a goal, in the points of a block where it is allowed.
+
+    Attributes
+    ----------
+    regime, goal : int
+    points : int array (n,)
+        Positions of those points in the block.
+    costs : float array (8, n)
+        Its `ReducedMission.action_costs`.
+    gains : float array (P_j, n)
+        What the expected features that look at the goal gain by its completion.
+    """
+
+    regime: int
+    goal: int
+    points: IndexArray
+    costs: RealArray
+    gains: RealArray
+
+
 class _Block:
     """T W in some of the design points, with all that the sweeps have in common.
 
@@ -91,8 +114,12 @@ class _Block:
         self.price = reduced.price[..., None, None].astype(dtype)
         self.completion = reduced.completion[:, None].astype(dtype)
         self.of_goal = basis.of_goal
-        self.gains = self._gains(basis, x)
-        self.arrivals = [self._arrivals(cell, x, dtype) for cell in range(reduced.q)]
+        self.arrivals: list[dict[Arrival, RealArray]] = []
+        self.completions: list[list[_Completion]] = []
+        for cell in range(reduced.q):
+            costs = reduced.action_costs(cell, x).astype(dtype)
+            self.arrivals.append(self._arrivals(cell, costs))
+            self.completions.append(self._completions(cell, costs, basis, x))
         goals = reduced.goal_costs[np.arange(reduced.n), x].sum(axis=1)
         self.costs = (reduced.fault_costs[:, None] + goals).astype(dtype)
 
@@ -101,12 +128,15 @@ class _Block:
         ahead = {regime: self._ahead(regime, coefficients[regime]) for regime in self.expected}
         scratch = np.empty_like(out[0])
         out[:] = np.inf
-        for arrivals, least in zip(self.arrivals, out):
-            for (regime, landing, goal), cost in arrivals.items():
-                np.add(ahead[regime][landing], cost, out=scratch)
-                if goal is not None:
-                    scratch += self._gained(regime, goal, coefficients[regime][landing])
+        for cell, least in enumerate(out):
+            for (regime, landing), costs in self.arrivals[cell].items():
+                np.add(ahead[regime][landing], costs, out=scratch)
                 np.minimum(least, scratch, out=least)
+            for completion in self.completions[cell]:
+                regime, points = completion.regime, completion.points
+                arrived = ahead[regime][cell].take(points, axis=-1) + completion.costs
+                arrived += self._gained(completion, coefficients[regime][cell])
+                least[..., points] = np.minimum(least[..., points], arrived)
             least += self.costs
 
     def _ahead(self, regime: int, coefficients: RealArray) -> dict[int, RealArray]:
@@ -119,32 +149,35 @@ class _Block:
         out += self.price[int(regime == Regime.AGILE_FLIGHT), cells]
         return dict(zip(cells.tolist(), out))
 
-    def _gained(self, regime: int, goal: int, coefficients: RealArray) -> RealArray:
-        """What the chance to complete a goal adds to the discounted E[V'], (3, 8, m)."""
-        part = coefficients.take(self.of_goal[goal], axis=-1)
-        gain = part.reshape(-1, part.shape[-1]) @ self.gains[regime, goal]
-        return self.completion * gain.reshape(*part.shape[:2], -1)
+    def _gained(self, completion: _Completion, coefficients: RealArray) -> RealArray:
+        """What the chance to complete a goal adds to the discounted E[V'], (3, 8, n)."""
+        part = coefficients.take(self.of_goal[completion.goal], axis=-1)
+        gained = part.reshape(-1, part.shape[-1]) @ completion.gains
+        return self.completion * gained.reshape(*part.shape[:2], -1)
 
-    def _gains(self, basis: Basis, x: IntArray) -> dict[Outcome, RealArray]:
-        """What the features that look at a goal gain where it is completed, (P_j, m)."""
-        reduced, gains = self.reduced, dict[Outcome, RealArray]()
-        for action, cell in np.argwhere(reduced.completes).tolist():
-            outcome = int(reduced.regimes[action, cell]), int(reduced.slots[action])
-            members = self.of_goal[outcome[1]]
-            before = self.expected[outcome[0]][members]
-            functions = basis.functions_after([outcome]).astype(before.dtype)
-            gains[outcome] = basis.features(functions, x, members)[0] - before
-        return gains
-
-    def _arrivals(self, cell: int, x: IntArray, dtype: np.dtype[Any]) -> dict[Arrival, RealArray]:
-        """Least cost (8, m) of the actions of each arrival from a cell."""
-        reduced, costs = self.reduced, self.reduced.action_costs(cell, x)
+    def _arrivals(self, cell: int, costs: RealArray) -> dict[Arrival, RealArray]:
+        """Least cost (8, m) of the actions of each arrival from a cell, nothing completed."""
+        reduced = self.reduced
         arrivals: dict[Arrival, list[int]] = {}
-        for action in range(len(costs)):
-            goal = int(reduced.slots[action]) if reduced.completes[action, cell] else None
+        for action in np.flatnonzero(~reduced.completes[:, cell]).tolist():
             regime, landing = reduced.regimes[action, cell], reduced.landings[action, cell]
-            arrivals.setdefault((int(regime), int(landing), goal), []).append(action)
-        return {
-            arrival: costs[actions].min(axis=0).astype(dtype)
-            for arrival, actions in arrivals.items()
-        }
+            arrivals.setdefault((int(regime), int(landing)), []).append(action)
+        return {arrival: costs[actions].min(axis=0) for arrival, actions in arrivals.items()}
+
+    def _completions(
+        self, cell: int, costs: RealArray, basis: Basis, x: IntArray
+    ) -> list[_Completion]:
+        """Actions that may complete a goal on its cell."""
+        reduced, completions = self.reduced, []
+        for action in np.flatnonzero(reduced.completes[:, cell]).tolist():
+            regime, goal = int(reduced.regimes[action, cell]), int(reduced.slots[action])
+            points = np.flatnonzero(np.isfinite(costs[action]).any(axis=0))
+            if not points.size:
+                continue
+            members = self.of_goal[goal]
+            functions = basis.functions_after([(regime, goal)]).astype(costs.dtype)
+            gains = basis.features(functions, x[points], members)[0]
+            gains -= self.expected[regime][np.ix_(members, points)]
+            allowed = costs[action][:, points]
+            completions.append(_Completion(regime, goal, points, allowed, gains))
+        return completions

@@ -185,19 +185,23 @@ def fit_expansion(
 def fit_bytes(mission: Mission, clusters: Clusters) -> int:
     """Memory that a fit takes at most, as long as it settles in the fewest design points."""
     size, q, k = clusters.features, mission.grid.q, mission.k
-    size_of_float = precision(ReducedMission(whole_mission(mission))).itemsize
+    reduced = ReducedMission(whole_mission(mission))
     points = min(_points(mission, clusters, POINTS_A_FEATURE[0]), X_VALUES**k)
     # Of each feature now and after each of four regimes, and of those that look at a goal what
-    # they gain where it is completed, in two modes.
+    # they gain where it is completed, in two modes, if commitment is allowed.
+    committed = float(reduced.sub.feasibility.by_goal.mean())
     of_goals = sum(g.n * g.size * len(g.clusters) for g in clusters.groups)
-    features = (5 * size + 2 * of_goals) * points
+    features = (5 * size + int(2 * committed * of_goals)) * points
     # Least costs of the arrivals from a cell: eight regimes and directions, and completions.
     costs = 8 * points * (q * min(2 * k + 4, 12) + 2 * k)
     # T W now and in the remembered sweeps with their fits, and as much while it is computed.
     values = 24 * q * points * (3 + 2 * (REMEMBERED_SWEEPS + 1))
     scratch = 24 * (2 * q + 3) * BLOCK_POINTS * threads.processors()
     coefficients = 24 * q * size * (8 + 3 * (REMEMBERED_SWEEPS + 1))
-    return size_of_float * (features + costs + values + scratch + coefficients) + 24 * size**2
+    return (
+        precision(reduced).itemsize * (features + costs + values + scratch + coefficients)
+        + 24 * size**2
+    )
 
 
 def precision(reduced: ReducedMission) -> np.dtype[np.floating[Any]]:
