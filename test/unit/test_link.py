@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterator
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from uav_mission_manager.autopilot.link import Command, Link
-from uav_mission_manager.autopilot.vehicle import Arm, Fly, Mode, SetMode, TakeOff, commands
+from uav_mission_manager.autopilot.link import AutopilotLink, MavCommand
+from uav_mission_manager.autopilot.vehicle import Arm, FlightMode, Fly, SetMode, TakeOff, commands
 
-ARM = Command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1, 0, 0, 0, 0, 0, 0))
-TAKE_OFF = Command(mavlink.MAV_CMD_NAV_TAKEOFF, (0, 0, 0, 0, 0, 0, 20.0))
+ARM = MavCommand(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1, 0, 0, 0, 0, 0, 0))
+TAKE_OFF = MavCommand(mavlink.MAV_CMD_NAV_TAKEOFF, (0, 0, 0, 0, 0, 0, 20.0))
 RATES = {33: 10.0, 1: 2.0}
 STREAM = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
 
@@ -78,7 +78,9 @@ class Wire:
 
     def __init__(self, target: int = 7, streams: dict[int, float] | None = None) -> None:
         port = free_port()
-        self.link = Link(f'udpin:127.0.0.1:{port}', target_system=target, streams=streams or {})
+        self.link = AutopilotLink(
+            f'udpin:127.0.0.1:{port}', target_system=target, streams=streams or {}
+        )
         self.port, self.peers, self.now = port, [], 50.0
         self.peer = self.connect()
 
@@ -385,7 +387,12 @@ def test_nothing_is_commanded_without_link_nor_caught_up_on_later(make):
 
 def test_requests_as_the_vehicle_gets_them(make):
     wire = make().up()
-    for request in (SetMode(Mode.RTL), Arm(), TakeOff(20.0), Fly(-35.3633, 149.1653, 20.0, 5.0)):
+    for request in (
+        SetMode(FlightMode.RTL),
+        Arm(),
+        TakeOff(20.0),
+        Fly(-35.3633, 149.1653, 20.0, 5.0),
+    ):
         for command in commands(request):
             wire.link.send(command, wire.now)
     mode, arm, take_off, speed, fly = wire.peer.commands()
@@ -414,7 +421,7 @@ def test_noise_on_the_line_is_skipped(make):
 )
 def test_a_bad_connection_is_named(connection):
     with pytest.raises(ValueError, match=connection):
-        Link(connection)
+        AutopilotLink(connection)
 
 
 def test_a_rebooted_autopilot_on_another_port_is_found(make):

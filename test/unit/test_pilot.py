@@ -6,9 +6,9 @@ from dataclasses import replace
 import pytest
 
 from uav_mission_manager.autopilot.pilot import Pilot
-from uav_mission_manager.autopilot.task import Phase, Settings, Task
+from uav_mission_manager.autopilot.task import FlightTask, Phase, Settings
 from uav_mission_manager.autopilot.telemetry import Position, Telemetry
-from uav_mission_manager.autopilot.vehicle import Arm, Fly, Mode, SetMode, TakeOff
+from uav_mission_manager.autopilot.vehicle import Arm, FlightMode, Fly, SetMode, TakeOff
 
 LATITUDE, LONGITUDE = -35.363262, 149.165237
 PER_DEGREE = math.radians(6371000.0)
@@ -20,13 +20,13 @@ def place(east: float = 0.0, north: float = 0.0) -> tuple[float, float]:
     return LATITUDE + north / PER_DEGREE, LONGITUDE + east / per_longitude
 
 
-HOME = Task('none normal', *place(), land=True)
-HOVER = Task('none agile', *place(), agile=True)
-COMMIT = Task('commit goal1 normal', *place(100.0), goal='goal1')
+HOME = FlightTask('none normal', *place(), land=True)
+HOVER = FlightTask('none agile', *place(), agile=True)
+COMMIT = FlightTask('commit goal1 normal', *place(100.0), goal='goal1')
 AGILE = replace(COMMIT, text='commit goal1 agile', agile=True)
-OTHER = Task('commit goal2 normal', *place(0.0, -100.0), goal='goal2')
-RECHARGE = Task('recharge', *place(50.0), land=True)
-REPAIR = Task('repair', *place(50.0), land=True, service=True)
+OTHER = FlightTask('commit goal2 normal', *place(0.0, -100.0), goal='goal2')
+RECHARGE = FlightTask('recharge', *place(50.0), land=True)
+REPAIR = FlightTask('repair', *place(50.0), land=True, service=True)
 
 
 class Flight:
@@ -36,10 +36,12 @@ class Flight:
         self.pilot = Pilot(settings)
         self.settings = settings
         self.now = 100.0
-        self.task: Task | None = None
+        self.task: FlightTask | None = None
         self.east = self.north = self.height = self.climb = 0.0
         self.telemetry = replace(
-            Telemetry(mode=Mode.STABILIZE, landed=True, ready=True, unhealthy=0, ekf_flags=831),
+            Telemetry(
+                mode=FlightMode.STABILIZE, landed=True, ready=True, unhealthy=0, ekf_flags=831
+            ),
             **telemetry,
         )
         self.position = True
@@ -51,14 +53,14 @@ class Flight:
     def airborne(self, east: float = 0.0, north: float = 0.0) -> Flight:
         """In command of the vehicle in the air."""
         self.at(east, north)
-        self.set(mode=Mode.GUIDED, armed=True, landed=False)
+        self.set(mode=FlightMode.GUIDED, armed=True, landed=False)
         return self
 
     def set(self, **telemetry) -> Flight:
         self.telemetry = replace(self.telemetry, **telemetry)
         return self
 
-    def order(self, task: Task) -> Flight:
+    def order(self, task: FlightTask) -> Flight:
         self.task = task
         self.pilot.command(task, self.now)
         return self
@@ -88,7 +90,7 @@ class Flight:
         return requests, completed, step
 
 
-def fly_to(task: Task, speed: float = SETTINGS.cruise_speed) -> Fly:
+def fly_to(task: FlightTask, speed: float = SETTINGS.cruise_speed) -> Fly:
     return Fly(task.latitude, task.longitude, SETTINGS.flight_altitude, speed)
 
 
@@ -98,15 +100,15 @@ def fly_to(task: Task, speed: float = SETTINGS.cruise_speed) -> Fly:
 def test_nothing_is_done_on_the_ground_without_a_command():
     flight = Flight()
     assert flight.run(60.0)[0] == []
-    requests, _, step = flight.set(mode=Mode.GUIDED, armed=True).run(60.0)
+    requests, _, step = flight.set(mode=FlightMode.GUIDED, armed=True).run(60.0)
     assert (requests, step.phase) == ([], Phase.HOLDING)
 
 
 def test_from_the_ground_guided_then_arm_then_take_off_then_go():
     flight = Flight().order(COMMIT)
     step = flight.step()
-    assert (step.phase, step.requests) == (Phase.ARMING, (SetMode(Mode.GUIDED),))
-    step = flight.set(mode=Mode.GUIDED).step()
+    assert (step.phase, step.requests) == (Phase.ARMING, (SetMode(FlightMode.GUIDED),))
+    step = flight.set(mode=FlightMode.GUIDED).step()
     assert (step.phase, step.requests) == (Phase.ARMING, (Arm(),))
     step = flight.set(armed=True).step()
     assert (step.phase, step.requests) == (Phase.TAKE_OFF, (TakeOff(20.0),))
@@ -120,9 +122,9 @@ def test_from_the_ground_guided_then_arm_then_take_off_then_go():
 @pytest.mark.parametrize(
     'telemetry',
     [
-        {'mode': Mode.STABILIZE},
-        {'mode': Mode.GUIDED},
-        {'mode': Mode.GUIDED, 'armed': True},
+        {'mode': FlightMode.STABILIZE},
+        {'mode': FlightMode.GUIDED},
+        {'mode': FlightMode.GUIDED, 'armed': True},
     ],
     ids=['mode', 'arm', 'take-off'],
 )
@@ -133,14 +135,14 @@ def test_a_request_is_repeated_until_telemetry_shows_it_done(telemetry):
 
 
 def test_refused_arming_is_repeated_and_never_skipped():
-    flight = Flight(mode=Mode.GUIDED).order(COMMIT)
+    flight = Flight(mode=FlightMode.GUIDED).order(COMMIT)
     requests, _, step = flight.run(30.0)
     assert set(requests) == {Arm()}
     assert step.phase is Phase.ARMING
 
 
 def test_an_autopilot_that_is_not_ready_is_not_asked_to_arm():
-    flight = Flight(mode=Mode.GUIDED, ready=False).order(COMMIT)
+    flight = Flight(mode=FlightMode.GUIDED, ready=False).order(COMMIT)
     requests, _, step = flight.run(10.0)
     assert requests == []
     assert 'not ready' in step.status
@@ -153,7 +155,7 @@ def test_without_allow_arming_it_says_so_and_waits(task):
     requests, _, step = flight.run(10.0)
     assert requests == []
     assert 'allow_arming' in step.status
-    flight.set(mode=Mode.GUIDED, armed=True)
+    flight.set(mode=FlightMode.GUIDED, armed=True)
     requests, _, step = flight.run(10.0)
     assert requests == []
     assert 'allow_arming' in step.status
@@ -165,7 +167,7 @@ def test_without_allow_arming_a_vehicle_in_the_air_is_flown():
 
 
 def test_no_position_no_arming():
-    flight = Flight(mode=Mode.GUIDED).order(COMMIT)
+    flight = Flight(mode=FlightMode.GUIDED).order(COMMIT)
     flight.position = False
     requests, _, step = flight.run(5.0)
     assert requests == []
@@ -177,7 +179,7 @@ MISSION = replace(SETTINGS, reach=300.0)
 
 @pytest.mark.parametrize('task', [COMMIT, HOVER, HOME, REPAIR])
 def test_far_from_its_destination_it_stays_on_the_ground_and_doubts_the_mission(task):
-    flight = Flight(MISSION, mode=Mode.GUIDED).at(9100.0, height=0.0).order(task)
+    flight = Flight(MISSION, mode=FlightMode.GUIDED).at(9100.0, height=0.0).order(task)
     requests, _, step = flight.run(30.0)
     assert (step.phase, requests) == (Phase.HOLDING, [])
     assert 'km away; is it the right mission file?' in step.status
@@ -247,8 +249,8 @@ def test_no_commitment_flies_home_and_lands():
     flight = Flight().order(HOME).airborne(100.0)
     assert flight.step().requests == (fly_to(HOME),)
     step = flight.at(1.0).step()
-    assert (step.phase, step.requests) == (Phase.LANDING, (SetMode(Mode.LAND),))
-    flight.set(mode=Mode.LAND).at(1.0, height=8.0)
+    assert (step.phase, step.requests) == (Phase.LANDING, (SetMode(FlightMode.LAND),))
+    flight.set(mode=FlightMode.LAND).at(1.0, height=8.0)
     requests, _, step = flight.run(10.0)
     assert (step.phase, requests) == (Phase.LANDING, [])
     flight.set(armed=False, landed=True).at(1.0, height=0.0)
@@ -259,19 +261,19 @@ def test_no_commitment_flies_home_and_lands():
 def test_landing_is_broken_off_for_a_new_destination():
     flight = Flight().order(HOME).airborne()
     flight.step()
-    flight.set(mode=Mode.LAND).at(0.0, height=8.0).step()
-    assert flight.order(COMMIT).step().requests == (SetMode(Mode.GUIDED),)
-    step = flight.set(mode=Mode.GUIDED).step()
+    flight.set(mode=FlightMode.LAND).at(0.0, height=8.0).step()
+    assert flight.order(COMMIT).step().requests == (SetMode(FlightMode.GUIDED),)
+    step = flight.set(mode=FlightMode.GUIDED).step()
     assert (step.phase, step.requests) == (Phase.EN_ROUTE, (fly_to(COMMIT),))
     flight.order(HOME).step()
-    flight.set(mode=Mode.LAND).step()
-    assert flight.order(RECHARGE).step().requests == (SetMode(Mode.GUIDED),)
-    flight.order(COMMIT).set(mode=Mode.GUIDED)
+    flight.set(mode=FlightMode.LAND).step()
+    assert flight.order(RECHARGE).step().requests == (SetMode(FlightMode.GUIDED),)
+    flight.order(COMMIT).set(mode=FlightMode.GUIDED)
     assert flight.step().requests == (fly_to(COMMIT),), 'GUIDED anew has forgotten its target'
 
 
 def test_landed_at_the_service_cell_it_takes_off_for_home():
-    flight = Flight(mode=Mode.GUIDED).at(50.0, height=0.0).order(HOME)
+    flight = Flight(mode=FlightMode.GUIDED).at(50.0, height=0.0).order(HOME)
     assert flight.step().requests == (Arm(),)
 
 
@@ -288,9 +290,9 @@ def test_evasion_hovers_over_the_base_and_stays_on_the_ground():
 
 
 def test_repair_needs_standing_disarmed_on_the_service_cell():
-    flight = Flight(mode=Mode.GUIDED).order(REPAIR).airborne(50.0)
+    flight = Flight(mode=FlightMode.GUIDED).order(REPAIR).airborne(50.0)
     flight.step()
-    flight.set(mode=Mode.LAND)
+    flight.set(mode=FlightMode.LAND)
     for _ in range(200):
         assert not flight.step().serviced
     flight.set(armed=False, landed=True).at(51.0, height=0.0)
@@ -317,27 +319,29 @@ def test_repair_given_up_midway_starts_anew():
 # Who is in command
 
 
-@pytest.mark.parametrize('mode', [Mode.LOITER, Mode.STABILIZE, Mode.LAND, Mode.RTL])
+@pytest.mark.parametrize(
+    'mode', [FlightMode.LOITER, FlightMode.STABILIZE, FlightMode.LAND, FlightMode.RTL]
+)
 def test_a_mode_not_ordered_here_ends_the_commanding_until_resume(mode):
     flight = Flight().order(COMMIT).airborne(50.0)
     flight.step()
     flight.set(mode=mode)
     requests, completed, step = flight.at(100.0).run(60.0)
     assert (step.phase, requests, completed) == (Phase.PILOT, [], [])
-    flight.set(mode=Mode.GUIDED)
+    flight.set(mode=FlightMode.GUIDED)
     requests, _, step = flight.run(10.0)
     assert (step.phase, requests) == (Phase.PILOT, []), 'back in GUIDED is no resume'
     flight.set(mode=mode)
     flight.pilot.resume(flight.now)
-    assert flight.step().requests == (SetMode(Mode.GUIDED),)
-    assert flight.set(mode=Mode.GUIDED).step().requests == (fly_to(COMMIT),)
+    assert flight.step().requests == (SetMode(FlightMode.GUIDED),)
+    assert flight.set(mode=FlightMode.GUIDED).step().requests == (fly_to(COMMIT),)
 
 
 def test_a_landing_not_ordered_any_more_is_someone_elses():
     flight = Flight().order(HOME).airborne()
-    assert flight.step().requests == (SetMode(Mode.LAND),)
+    assert flight.step().requests == (SetMode(FlightMode.LAND),)
     flight.order(COMMIT).run(6.0)
-    requests, _, step = flight.set(mode=Mode.LAND).run(10.0)
+    requests, _, step = flight.set(mode=FlightMode.LAND).run(10.0)
     assert (step.phase, requests) == (Phase.PILOT, [])
 
 
@@ -345,21 +349,21 @@ def test_a_landing_that_comes_late_is_still_ours():
     flight = Flight().order(HOME).airborne()
     flight.step()
     flight.order(COMMIT).run(2.0)
-    assert flight.set(mode=Mode.LAND).step().requests == (SetMode(Mode.GUIDED),)
+    assert flight.set(mode=FlightMode.LAND).step().requests == (SetMode(FlightMode.GUIDED),)
 
 
 def test_a_pilot_who_stops_an_arming_is_not_overruled():
     flight = Flight().order(COMMIT)
     flight.step()
-    flight.set(mode=Mode.GUIDED).step()
-    requests, _, step = flight.set(mode=Mode.STABILIZE).run(10.0)
+    flight.set(mode=FlightMode.GUIDED).step()
+    requests, _, step = flight.set(mode=FlightMode.STABILIZE).run(10.0)
     assert (step.phase, requests) == (Phase.PILOT, [])
 
 
 def test_a_pilot_who_disarms_is_not_overruled():
     flight = Flight().order(COMMIT)
     flight.step()
-    flight.set(mode=Mode.GUIDED).step()
+    flight.set(mode=FlightMode.GUIDED).step()
     flight.set(armed=True).step()
     requests, _, step = flight.set(armed=False).run(10.0)
     assert (step.phase, requests) == (Phase.PILOT, [])
@@ -383,9 +387,9 @@ def disarmed(flight: Flight, height: float, climb: float):
 @pytest.mark.parametrize(
     ('mode', 'height', 'climb', 'phase'),
     [
-        (Mode.LAND, 18.0, -4.0, Phase.PILOT),
-        (Mode.LAND, 18.0, 0.0, Phase.GROUND),
-        (Mode.LAND, 0.0, -0.6, Phase.GROUND),
+        (FlightMode.LAND, 18.0, -4.0, Phase.PILOT),
+        (FlightMode.LAND, 18.0, 0.0, Phase.GROUND),
+        (FlightMode.LAND, 0.0, -0.6, Phase.GROUND),
     ],
     ids=['falling', 'landed on a hill', 'landed'],
 )
@@ -397,7 +401,7 @@ def test_a_landing_ends_at_rest(mode, height, climb, phase):
 
 
 def test_motors_stopped_by_hand_in_flight_by_hand_are_not_started_again():
-    flight = Flight().order(COMMIT).airborne().set(mode=Mode.LOITER)
+    flight = Flight().order(COMMIT).airborne().set(mode=FlightMode.LOITER)
     flight.step()
     step = disarmed(flight, 18.0, 0.0)
     assert (step.phase, step.requests) == (Phase.PILOT, ())
@@ -413,7 +417,7 @@ def hand_armed_after_resume() -> Flight:
 
 def hand_armed_after_an_order() -> Flight:
     flight = Flight().order(COMMIT)
-    assert flight.step().requests == (SetMode(Mode.GUIDED),)
+    assert flight.step().requests == (SetMode(FlightMode.GUIDED),)
     return flight
 
 
@@ -423,13 +427,13 @@ def test_armed_by_hand_it_is_flown_by_hand_until_guided(ready):
     requests, _, step = flight.order(COMMIT).run(10.0)
     assert (step.phase, requests) == (Phase.PILOT, [])
     flight.set(landed=False).at(0.0)
-    assert flight.set(mode=Mode.GUIDED).step().requests == (fly_to(COMMIT),)
+    assert flight.set(mode=FlightMode.GUIDED).step().requests == (fly_to(COMMIT),)
 
 
 def test_a_failsafe_is_not_overruled():
     flight = Flight().order(HOME).airborne()
     flight.step()
-    flight.set(mode=Mode.LAND).step()
+    flight.set(mode=FlightMode.LAND).step()
     flight.set(failsafe=True).order(COMMIT)
     requests, _, step = flight.run(10.0)
     assert (step.phase, requests) == (Phase.PILOT, [])
@@ -437,46 +441,46 @@ def test_a_failsafe_is_not_overruled():
 
 
 def test_in_a_failsafe_it_does_not_arm():
-    requests, _, step = Flight(mode=Mode.GUIDED, failsafe=True).order(COMMIT).run(10.0)
+    requests, _, step = Flight(mode=FlightMode.GUIDED, failsafe=True).order(COMMIT).run(10.0)
     assert requests == []
     assert 'failsafe' in step.status
 
 
 def test_flown_by_hand_from_the_start_guided_gives_command():
-    flight = Flight().order(COMMIT).airborne().set(mode=Mode.LOITER)
+    flight = Flight().order(COMMIT).airborne().set(mode=FlightMode.LOITER)
     requests, _, step = flight.run(10.0)
     assert (step.phase, requests) == (Phase.PILOT, [])
-    assert flight.set(mode=Mode.GUIDED).step().requests == (fly_to(COMMIT),)
-    assert flight.set(mode=Mode.LOITER).step().phase is Phase.PILOT
-    assert flight.set(mode=Mode.GUIDED).run(5.0)[0] == []
+    assert flight.set(mode=FlightMode.GUIDED).step().requests == (fly_to(COMMIT),)
+    assert flight.set(mode=FlightMode.LOITER).step().phase is Phase.PILOT
+    assert flight.set(mode=FlightMode.GUIDED).run(5.0)[0] == []
 
 
 def test_after_a_lost_link_a_changed_mode_is_someone_elses():
     flight = Flight().order(COMMIT).airborne()
     flight.step()
     assert flight.pilot.update(None, flight.now).phase is Phase.NO_LINK
-    requests, _, step = flight.set(mode=Mode.RTL).run(5.0)
+    requests, _, step = flight.set(mode=FlightMode.RTL).run(5.0)
     assert (step.phase, requests) == (Phase.PILOT, [])
-    assert flight.set(mode=Mode.GUIDED).run(5.0)[0] == []
+    assert flight.set(mode=FlightMode.GUIDED).run(5.0)[0] == []
 
 
 def test_on_the_ground_the_autopilot_may_reboot():
     flight = Flight().order(HOME).airborne()
     flight.step()
-    flight.set(mode=Mode.LAND).step()
+    flight.set(mode=FlightMode.LAND).step()
     flight.set(armed=False, landed=True).at(0.0, height=0.0).step()
     flight.pilot.update(None, flight.now)
-    assert flight.set(mode=Mode.STABILIZE).step().phase is Phase.GROUND
-    assert flight.order(COMMIT).step().requests == (SetMode(Mode.GUIDED),)
+    assert flight.set(mode=FlightMode.STABILIZE).step().phase is Phase.GROUND
+    assert flight.order(COMMIT).step().requests == (SetMode(FlightMode.GUIDED),)
 
 
 def test_a_lost_link_gives_no_command_back():
     flight = Flight().order(COMMIT).airborne()
     flight.step()
-    flight.set(mode=Mode.LOITER).step()
+    flight.set(mode=FlightMode.LOITER).step()
     flight.set(armed=False, landed=True).step()
     flight.pilot.update(None, flight.now)
-    assert flight.set(mode=Mode.STABILIZE).step().phase is Phase.PILOT
+    assert flight.set(mode=FlightMode.STABILIZE).step().phase is Phase.PILOT
 
 
 def test_a_lost_link_interrupts_the_dwell():
@@ -512,7 +516,7 @@ def test_a_hold_interrupts_the_dwell():
 
 
 def climbing() -> Flight:
-    flight = Flight(mode=Mode.GUIDED).order(COMMIT)
+    flight = Flight(mode=FlightMode.GUIDED).order(COMMIT)
     flight.step()
     flight.set(armed=True).step()
     assert flight.set(landed=False).at(0.0, height=5.0).step().phase is Phase.TAKE_OFF
@@ -529,28 +533,28 @@ def test_a_climb_ended_by_a_hold_is_not_waited_for():
 
 def test_a_climb_ended_by_a_pilot_is_not_waited_for():
     flight = climbing()
-    flight.set(mode=Mode.LOITER).step()
+    flight.set(mode=FlightMode.LOITER).step()
     flight.pilot.resume(flight.now)
     flight.step()
-    assert flight.set(mode=Mode.GUIDED).step().requests == (fly_to(COMMIT),)
+    assert flight.set(mode=FlightMode.GUIDED).step().requests == (fly_to(COMMIT),)
 
 
 def test_hold_ends_a_return_to_launch():
     flight = Flight().order(COMMIT).airborne(50.0)
     silence(flight, 14.0)
-    flight.set(mode=Mode.RTL).step()
+    flight.set(mode=FlightMode.RTL).step()
     flight.pilot.hold()
-    assert flight.step().requests == (SetMode(Mode.GUIDED),)
-    assert flight.set(mode=Mode.GUIDED).step().phase is Phase.HOLDING
+    assert flight.step().requests == (SetMode(FlightMode.GUIDED),)
+    assert flight.set(mode=FlightMode.GUIDED).step().phase is Phase.HOLDING
 
 
 def test_hold_breaks_off_a_landing_at_a_safe_height():
     flight = Flight().order(HOME).airborne()
     flight.step()
-    flight.set(mode=Mode.LAND).at(0.0, height=1.0).step()
+    flight.set(mode=FlightMode.LAND).at(0.0, height=1.0).step()
     flight.pilot.hold()
-    assert flight.step().requests == (SetMode(Mode.GUIDED),)
-    assert flight.set(mode=Mode.GUIDED).step().requests == (
+    assert flight.step().requests == (SetMode(FlightMode.GUIDED),)
+    assert flight.set(mode=FlightMode.GUIDED).step().requests == (
         Fly(*place(), 3.0, SETTINGS.cruise_speed),
     )
 
@@ -574,16 +578,16 @@ def test_hold_on_the_ground_does_not_arm():
 
 
 def test_motors_started_for_nothing_are_stopped_by_landing():
-    flight = Flight(mode=Mode.GUIDED).order(COMMIT)
+    flight = Flight(mode=FlightMode.GUIDED).order(COMMIT)
     flight.step()
     flight.set(armed=True).order(HOME)
-    assert flight.step().requests == (SetMode(Mode.LAND),)
-    step = flight.set(mode=Mode.LAND, armed=False).step()
+    assert flight.step().requests == (SetMode(FlightMode.LAND),)
+    step = flight.set(mode=FlightMode.LAND, armed=False).step()
     assert (step.phase, step.requests) == (Phase.GROUND, ())
 
 
 def test_motors_that_a_human_started_are_left_alone():
-    flight = Flight(mode=Mode.GUIDED).order(COMMIT)
+    flight = Flight(mode=FlightMode.GUIDED).order(COMMIT)
     flight.step()
     flight.order(HOVER).run(6.0)
     flight.set(armed=True)
@@ -612,13 +616,15 @@ def test_silence_holds_then_returns_to_launch_and_flies_it_to_the_end():
     assert step.phase is Phase.HOLDING
     assert set(requests) == {Fly(*place(50.0), 20.0, SETTINGS.cruise_speed)}
     requests, step = silence(flight, 1.0)
-    assert (step.phase, requests) == (Phase.RETURNING, [SetMode(Mode.RTL)])
-    flight.set(mode=Mode.RTL)
+    assert (step.phase, requests) == (Phase.RETURNING, [SetMode(FlightMode.RTL)])
+    flight.set(mode=FlightMode.RTL)
     requests, _, step = flight.run(30.0)
     assert (step.phase, requests) == (Phase.RETURNING, []), 'the manager is back too late'
     flight.set(armed=False, landed=True).at(0.0, height=0.0)
-    assert flight.step().requests == (SetMode(Mode.GUIDED),), 'landed: the manager is heard again'
-    flight.set(mode=Mode.GUIDED).step()
+    assert flight.step().requests == (SetMode(FlightMode.GUIDED),), (
+        'landed: the manager is heard again'
+    )
+    flight.set(mode=FlightMode.GUIDED).step()
     assert flight.set(armed=True).step().requests == (TakeOff(20.0),)
 
 
@@ -638,7 +644,7 @@ def test_found_flying_without_a_manager_it_holds_then_returns():
         Fly(*place(50.0), 20.0, SETTINGS.cruise_speed),
     )
     requests, step = silence(flight, 0.3)
-    assert (step.phase, requests) == (Phase.RETURNING, [SetMode(Mode.RTL)])
+    assert (step.phase, requests) == (Phase.RETURNING, [SetMode(FlightMode.RTL)])
 
 
 def test_a_manager_silent_since_the_link_was_lost_is_awaited_anew():
@@ -649,7 +655,7 @@ def test_a_manager_silent_since_the_link_was_lost_is_awaited_anew():
         flight.pilot.update(None, flight.now)
     requests, step = silence(flight, 12.9)
     assert step.phase is Phase.HOLDING
-    assert SetMode(Mode.RTL) not in requests
+    assert SetMode(FlightMode.RTL) not in requests
     assert flight.step().requests == (fly_to(COMMIT),)
 
 
@@ -659,22 +665,22 @@ def test_a_resume_is_not_kept_for_after_a_lost_link():
     flight.pilot.update(None, flight.now)
     flight.pilot.resume(flight.now)
     flight.pilot.update(None, flight.now)
-    requests, _, step = flight.set(mode=Mode.LOITER).run(5.0)
+    requests, _, step = flight.set(mode=FlightMode.LOITER).run(5.0)
     assert (step.phase, requests) == (Phase.PILOT, [])
 
 
 def test_a_resumed_vehicle_holds_where_it_is_until_the_manager_is_heard():
     flight = Flight().order(COMMIT).airborne(50.0)
     silence(flight, 8.0)
-    silence(flight.set(mode=Mode.LOITER).at(80.0), 5.0)
+    silence(flight.set(mode=FlightMode.LOITER).at(80.0), 5.0)
     flight.pilot.resume(flight.now)
     silence(flight, 0.1)
-    requests, _ = silence(flight.set(mode=Mode.GUIDED), 0.1)
+    requests, _ = silence(flight.set(mode=FlightMode.GUIDED), 0.1)
     assert requests == [Fly(*place(80.0), 20.0, SETTINGS.cruise_speed)]
 
 
 def test_silence_lets_motors_that_a_human_started_idle_on_the_ground():
-    flight = Flight(mode=Mode.GUIDED).order(HOVER)
+    flight = Flight(mode=FlightMode.GUIDED).order(HOVER)
     flight.step()
     requests, step = silence(flight.set(armed=True), 60.0)
     assert (step.phase, requests) == (Phase.HOLDING, [])
@@ -683,16 +689,16 @@ def test_silence_lets_motors_that_a_human_started_idle_on_the_ground():
 def test_a_return_that_is_not_flown_is_asked_for_again():
     flight = Flight().order(COMMIT).airborne(50.0)
     requests, _ = silence(flight, 19.0)
-    assert requests.count(SetMode(Mode.RTL)) == 3
+    assert requests.count(SetMode(FlightMode.RTL)) == 3
 
 
 def test_resume_ends_a_return_and_waits_for_the_manager_anew():
     flight = Flight().order(COMMIT).airborne(50.0)
     silence(flight, 14.0)
-    silence(flight.set(mode=Mode.RTL), 5.0)
+    silence(flight.set(mode=FlightMode.RTL), 5.0)
     flight.pilot.resume(flight.now)
-    assert flight.silent_step().requests == (SetMode(Mode.GUIDED),)
-    _, step = silence(flight.set(mode=Mode.GUIDED), 5.0)
+    assert flight.silent_step().requests == (SetMode(FlightMode.GUIDED),)
+    _, step = silence(flight.set(mode=FlightMode.GUIDED), 5.0)
     assert step.phase is Phase.HOLDING
     _, step = silence(flight, 10.0)
     assert step.phase is Phase.RETURNING
@@ -701,20 +707,20 @@ def test_resume_ends_a_return_and_waits_for_the_manager_anew():
 def test_a_pilot_takes_over_from_a_return():
     flight = Flight().order(COMMIT).airborne(50.0)
     silence(flight, 14.0)
-    silence(flight.set(mode=Mode.RTL), 1.0)
-    requests, step = silence(flight.set(mode=Mode.LOITER), 30.0)
+    silence(flight.set(mode=FlightMode.RTL), 1.0)
+    requests, step = silence(flight.set(mode=FlightMode.LOITER), 30.0)
     assert (step.phase, requests) == (Phase.PILOT, [])
 
 
 def test_silence_lets_a_landing_finish():
     flight = Flight().order(HOME).airborne()
     flight.step()
-    requests, step = silence(flight.set(mode=Mode.LAND), 60.0)
+    requests, step = silence(flight.set(mode=FlightMode.LAND), 60.0)
     assert (step.phase, requests) == (Phase.LANDING, [])
 
 
 def test_silence_on_the_ground_does_nothing():
-    flight = Flight(mode=Mode.GUIDED).order(COMMIT)
+    flight = Flight(mode=FlightMode.GUIDED).order(COMMIT)
     silence(flight, 3.0)
     requests, step = silence(flight, 60.0)
     assert (step.phase, requests) == (Phase.GROUND, [])

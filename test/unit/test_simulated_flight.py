@@ -6,11 +6,12 @@ from statistics import mean
 
 import pytest
 
-from uav_mission_manager.autopilot.simulator.flight import Flight, Home, Mode
-from uav_mission_manager.autopilot.simulator.physics import MAX_AIRSPEED, Origin
+from uav_mission_manager.autopilot.simulator.flight import Home, SimulatedFlight
+from uav_mission_manager.autopilot.simulator.modes import SimulatedMode
+from uav_mission_manager.autopilot.simulator.physics import MAX_AIRSPEED, SimulatedOrigin
 
 DT = 0.02
-ORIGIN = Origin(47.0, 8.0, 400.0)
+ORIGIN = SimulatedOrigin(47.0, 8.0, 400.0)
 
 
 def run(flight, seconds):
@@ -42,9 +43,9 @@ def motor_means(flight, seconds=4.0):
 @pytest.fixture
 def flight():
     """Ready to arm, in GUIDED."""
-    flight = Flight(ORIGIN)
+    flight = SimulatedFlight(ORIGIN)
     run(flight, 5.1)
-    assert flight.set_mode(Mode.GUIDED)
+    assert flight.set_mode(SimulatedMode.GUIDED)
     return flight
 
 
@@ -61,8 +62,8 @@ def airborne(flight):
 @pytest.mark.parametrize(
     ('origin', 'place', 'expected'),
     [
-        (Origin(0.0, 0.0, 0.0), (1.0, 0.0), 110574.3 + 0j),
-        (Origin(60.0, 10.0, 0.0), (60.0, 11.0), 55800j),
+        (SimulatedOrigin(0.0, 0.0, 0.0), (1.0, 0.0), 110574.3 + 0j),
+        (SimulatedOrigin(60.0, 10.0, 0.0), (60.0, 11.0), 55800j),
     ],
 )
 def test_local_frame_has_the_lengths_of_wgs84(origin, place, expected):
@@ -71,10 +72,10 @@ def test_local_frame_has_the_lengths_of_wgs84(origin, place, expected):
 
 
 def test_arming_waits_for_the_boot():
-    flight = Flight(ORIGIN)
+    flight = SimulatedFlight(ORIGIN)
     run(flight, 4.9)
     assert not flight.arm()
-    assert not flight.set_mode(Mode.GUIDED)
+    assert not flight.set_mode(SimulatedMode.GUIDED)
     assert 'PreArm: EKF3 still initialising' in texts(flight)
     run(flight, 0.2)
     assert flight.arm()
@@ -82,10 +83,10 @@ def test_arming_waits_for_the_boot():
 
 def test_take_off_only_armed_in_guided_and_on_the_ground(flight):
     assert not flight.take_off(20.0)
-    assert flight.set_mode(Mode.LOITER)
+    assert flight.set_mode(SimulatedMode.LOITER)
     assert flight.arm()
     assert not flight.take_off(20.0)
-    assert flight.set_mode(Mode.GUIDED)
+    assert flight.set_mode(SimulatedMode.GUIDED)
     assert not flight.take_off(-1.0)
     assert flight.take_off(20.0)
     run(flight, 15.0)
@@ -121,9 +122,9 @@ def test_speed_lasts_until_the_mode_changes(airborne):
     airborne.go_to(1000 + 0j, 20.0)
     run(airborne, 8.0)
     assert abs(airborne.body.velocity) == pytest.approx(4.0)
-    airborne.set_mode(Mode.LOITER)
+    airborne.set_mode(SimulatedMode.LOITER)
     assert not airborne.set_speed(1, 6.0)
-    airborne.set_mode(Mode.GUIDED)
+    airborne.set_mode(SimulatedMode.GUIDED)
     airborne.go_to(1000 + 0j, 20.0)
     run(airborne, 8.0)
     assert abs(airborne.body.velocity) == pytest.approx(10.0)
@@ -132,7 +133,7 @@ def test_speed_lasts_until_the_mode_changes(airborne):
 def test_brake_stops_and_stays(airborne):
     airborne.go_to(1000 + 0j, 20.0)
     run(airborne, 8.0)
-    airborne.set_mode(Mode.BRAKE)
+    airborne.set_mode(SimulatedMode.BRAKE)
     run(airborne, 10.0)
     stopped = airborne.body.position
     run(airborne, 5.0)
@@ -215,14 +216,14 @@ def test_low_charge_returns_then_lands(airborne):
     airborne.go_to(200 + 0j, 20.0)
     run(airborne, 10.0)
     airborne.set_charge(9.0)
-    assert run_until(airborne, lambda: airborne.mode == Mode.RTL, 11.0) >= 10.0
+    assert run_until(airborne, lambda: airborne.mode == SimulatedMode.RTL, 11.0) >= 10.0
     assert airborne.failsafe
     assert airborne.battery.level == 1
-    assert run_until(airborne, lambda: airborne.mode == Mode.LAND, 11.0) >= 10.0
+    assert run_until(airborne, lambda: airborne.mode == SimulatedMode.LAND, 11.0) >= 10.0
     assert airborne.battery.level == 2
     assert texts(airborne).count('Battery Failsafe') == 2
     run_until(airborne, lambda: not airborne.armed, 60.0)
-    airborne.set_mode(Mode.GUIDED)
+    airborne.set_mode(SimulatedMode.GUIDED)
     assert not airborne.arm()
     airborne.set_charge(100.0)
     run(airborne, 0.1)
@@ -232,7 +233,7 @@ def test_low_charge_returns_then_lands(airborne):
 
 def test_low_voltage_leaves_the_charge(airborne):
     airborne.parameters['SIM_BATT_VOLTAGE'] = 9.0
-    run_until(airborne, lambda: airborne.mode == Mode.RTL, 11.0)
+    run_until(airborne, lambda: airborne.mode == SimulatedMode.RTL, 11.0)
     assert airborne.body.battery.charge > 0.95
 
 
@@ -242,7 +243,7 @@ def test_short_dip_of_the_voltage_is_no_failsafe(airborne):
         run(airborne, 8.0)
         airborne.parameters['SIM_BATT_VOLTAGE'] = 0.0
         run(airborne, 1.0)
-    assert airborne.mode == Mode.GUIDED
+    assert airborne.mode == SimulatedMode.GUIDED
 
 
 def test_lost_gps_lands_and_drifts(airborne):
@@ -251,22 +252,22 @@ def test_lost_gps_lands_and_drifts(airborne):
     airborne.parameters['SIM_GPS1_ENABLE'] = 0.0
     assert run_until(airborne, lambda: not airborne.gps_fix, 3.0) > 0.5
     assert airborne.position_ok
-    assert run_until(airborne, lambda: airborne.mode == Mode.LAND, 8.0) > 5.0
+    assert run_until(airborne, lambda: airborne.mode == SimulatedMode.LAND, 8.0) > 5.0
     assert airborne.failsafe
-    assert not airborne.set_mode(Mode.GUIDED)
-    assert airborne.set_mode(Mode.LAND)
+    assert not airborne.set_mode(SimulatedMode.GUIDED)
+    assert airborne.set_mode(SimulatedMode.LAND)
     run_until(airborne, lambda: not airborne.armed, 60.0)
     assert airborne.body.position.real > 20.0
     assert not airborne.failsafe
     airborne.parameters['SIM_GPS1_ENABLE'] = 1.0
     run(airborne, 0.1)
-    assert airborne.set_mode(Mode.GUIDED)
+    assert airborne.set_mode(SimulatedMode.GUIDED)
 
 
 def test_return_to_launch_ends_disarmed_at_home_in_rtl(airborne):
     airborne.go_to(60 + 80j, 8.0)
     run(airborne, 25.0)
-    assert airborne.set_mode(Mode.RTL)
+    assert airborne.set_mode(SimulatedMode.RTL)
     highest = 0.0
     while airborne.armed:
         airborne.step(DT)
@@ -275,10 +276,10 @@ def test_return_to_launch_ends_disarmed_at_home_in_rtl(airborne):
     assert highest == pytest.approx(15.0, abs=0.6)
     assert airborne.body.position == pytest.approx(0, abs=0.3)
     assert airborne.body.on_ground
-    assert airborne.mode == Mode.RTL
+    assert airborne.mode == SimulatedMode.RTL
     assert not airborne.arm()
     assert 'Arm: RTL mode not armable' in texts(airborne)
-    assert airborne.set_mode(Mode.GUIDED)
+    assert airborne.set_mode(SimulatedMode.GUIDED)
     assert airborne.arm()
 
 
@@ -286,9 +287,9 @@ def test_home_moves_to_where_it_is_armed_unless_locked(airborne):
     def land_and_arm_at(position):
         airborne.go_to(position, 20.0)
         run(airborne, 15.0)
-        airborne.set_mode(Mode.LAND)
+        airborne.set_mode(SimulatedMode.LAND)
         run_until(airborne, lambda: not airborne.armed, 60.0)
-        airborne.set_mode(Mode.GUIDED)
+        airborne.set_mode(SimulatedMode.GUIDED)
         assert airborne.arm()
 
     land_and_arm_at(40 + 0j)
@@ -319,22 +320,22 @@ def test_disarming_in_the_air_needs_force(airborne):
 
 
 def test_modes_that_are_refused(airborne):
-    assert not airborne.set_mode(Mode.AUTO)  # there is no mission
+    assert not airborne.set_mode(SimulatedMode.AUTO)  # there is no mission
     assert not airborne.set_mode(99)
-    assert airborne.mode == Mode.GUIDED
+    assert airborne.mode == SimulatedMode.GUIDED
 
 
 def test_nobody_at_the_sticks_of_stabilize(airborne):
-    airborne.set_mode(Mode.STABILIZE)
+    airborne.set_mode(SimulatedMode.STABILIZE)
     run_until(airborne, lambda: not airborne.armed, 20.0)
     assert 'Crash: Disarming' in texts(airborne)
 
 
 def test_same_seed_same_noise():
     def outputs(seed):
-        flight = Flight(ORIGIN, boot_seconds=0.1, seed=seed)
+        flight = SimulatedFlight(ORIGIN, boot_seconds=0.1, seed=seed)
         run(flight, 0.2)
-        flight.set_mode(Mode.GUIDED)
+        flight.set_mode(SimulatedMode.GUIDED)
         flight.arm()
         flight.take_off(5.0)
         run(flight, 1.0)

@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from uav_mission_manager.autopilot.simulator import commands
-from uav_mission_manager.autopilot.simulator.flight import Flight, Mode
-from uav_mission_manager.autopilot.simulator.link import Link
-from uav_mission_manager.autopilot.simulator.messages import MESSAGES
-from uav_mission_manager.autopilot.simulator.parameters import TABLE
-from uav_mission_manager.autopilot.simulator.physics import Origin
+from uav_mission_manager.autopilot.simulator.flight import SimulatedFlight
+from uav_mission_manager.autopilot.simulator.link import SimulatedLink
+from uav_mission_manager.autopilot.simulator.messages import MESSAGE_BUILDERS
+from uav_mission_manager.autopilot.simulator.modes import SimulatedMode
+from uav_mission_manager.autopilot.simulator.parameters import SIMULATED_PARAMETERS
+from uav_mission_manager.autopilot.simulator.physics import SimulatedOrigin
 from uav_mission_manager.autopilot.simulator.protocol import Autopilot
 
 DT = 0.02
@@ -25,7 +26,7 @@ class Peer:
     """A ground station at the other end of one link."""
 
     def __init__(self):
-        self.link = Link(self)
+        self.link = SimulatedLink(self)
         self._mav = mavlink.MAVLink(self, 255, 190)
         self._messages = []
         self.autopilot = None
@@ -102,7 +103,7 @@ class Peer:
 
 def connect(boot_seconds=0.5, peers=1):
     peers = [Peer() for _ in range(peers)]
-    flight = Flight(Origin(47.0, 8.0, 400.0), boot_seconds)
+    flight = SimulatedFlight(SimulatedOrigin(47.0, 8.0, 400.0), boot_seconds)
     autopilot = Autopilot(flight, [peer.link for peer in peers])
     for peer in peers:
         peer.autopilot = autopilot
@@ -120,7 +121,7 @@ def peer():
 
 @pytest.fixture
 def airborne(peer):
-    assert peer.command(mavlink.MAV_CMD_DO_SET_MODE, 1, Mode.GUIDED) == 0
+    assert peer.command(mavlink.MAV_CMD_DO_SET_MODE, 1, SimulatedMode.GUIDED) == 0
     assert peer.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == 0
     assert peer.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 20) == 0
     peer.run(20.0)
@@ -160,7 +161,7 @@ def test_unknown_streams_are_refused(peer, number):
     assert peer.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e5) == 2
 
 
-@pytest.mark.parametrize('number', sorted(MESSAGES))
+@pytest.mark.parametrize('number', sorted(MESSAGE_BUILDERS))
 def test_every_message_can_be_asked_for(airborne, number):
     assert airborne.get(number).get_msgId() == number
 
@@ -176,7 +177,7 @@ def test_early_arming_fails_with_a_reason():
     assert any('PreArm' in m.text for m in peer.take('STATUSTEXT'))
     assert peer.unhealthy() & mavlink.MAV_SYS_STATUS_PREARM_CHECK
     assert peer.get(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT).lat == 0
-    assert peer.command(mavlink.MAV_CMD_DO_SET_MODE, 1, Mode.GUIDED) == 4
+    assert peer.command(mavlink.MAV_CMD_DO_SET_MODE, 1, SimulatedMode.GUIDED) == 4
     peer.run(0.5)
     assert peer.unhealthy() == 0
     assert peer.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == 0
@@ -188,7 +189,7 @@ def test_heartbeat_of_a_flight(peer):
         return heartbeat.base_mode, heartbeat.custom_mode, heartbeat.system_status
 
     assert beat() == (81, 0, 3)
-    peer.command(mavlink.MAV_CMD_DO_SET_MODE, 1, Mode.GUIDED)
+    peer.command(mavlink.MAV_CMD_DO_SET_MODE, 1, SimulatedMode.GUIDED)
     assert beat() == (89, 4, 3)
     peer.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
     assert beat() == (217, 4, 3)
@@ -231,10 +232,10 @@ def test_reposition_is_a_command_int_of_guided(airborne):
     assert (position.lat, position.lon) == pytest.approx((470010000, 80000000), abs=30)
     assert position.relative_alt == pytest.approx(30000, abs=100)
     assert position.alt == pytest.approx(430000, abs=100)
-    airborne.command(mavlink.MAV_CMD_DO_SET_MODE, 1, Mode.LOITER)
+    airborne.command(mavlink.MAV_CMD_DO_SET_MODE, 1, SimulatedMode.LOITER)
     assert airborne.command_int(number, 47.0, 8.0, 30) == 2
     assert airborne.command_int(number, 47.0, 8.0, 30, flags=1) == 0
-    assert airborne.get(mavlink.MAVLINK_MSG_ID_HEARTBEAT).custom_mode == Mode.GUIDED
+    assert airborne.get(mavlink.MAVLINK_MSG_ID_HEARTBEAT).custom_mode == SimulatedMode.GUIDED
 
 
 def test_position_target_moves_without_an_answer(airborne):
@@ -290,10 +291,10 @@ def test_what_is_for_others_is_left_alone(peer):
 
 
 def test_set_mode_message_is_acknowledged_by_its_id(peer):
-    peer.send(mavlink.MAVLink_set_mode_message(1, 1, Mode.GUIDED))
+    peer.send(mavlink.MAVLink_set_mode_message(1, 1, SimulatedMode.GUIDED))
     (ack,) = peer.take('COMMAND_ACK')
     assert (ack.command, ack.result) == (11, 0)
-    assert peer.autopilot.flight.mode == Mode.GUIDED
+    assert peer.autopilot.flight.mode == SimulatedMode.GUIDED
 
 
 def test_timesync_is_answered(peer):
@@ -308,18 +309,18 @@ def test_parameters():
     first, second = connect(peers=2)
     first.send(mavlink.MAVLink_param_request_list_message(1, 1))
     listed = first.take('PARAM_VALUE')
-    assert [m.param_id for m in listed] == list(TABLE)
-    assert [m.param_index for m in listed] == list(range(len(TABLE)))
+    assert [m.param_id for m in listed] == list(SIMULATED_PARAMETERS)
+    assert [m.param_index for m in listed] == list(range(len(SIMULATED_PARAMETERS)))
     (value,) = first.set_parameter('SIM_BATT_PCT', 40.0)
     assert (value.param_id, value.param_value, value.param_count) == (
         'SIM_BATT_PCT',
         40.0,
-        len(TABLE),
+        len(SIMULATED_PARAMETERS),
     )
     assert second.take('PARAM_VALUE')[0].param_value == 40.0
     assert first.get(mavlink.MAVLINK_MSG_ID_SYS_STATUS).battery_remaining == 40
     first.run(60.0)
-    index = list(TABLE).index('SIM_BATT_PCT')
+    index = list(SIMULATED_PARAMETERS).index('SIM_BATT_PCT')
     for name, number in ((b'SIM_BATT_PCT', -1), (b'', index)):
         first.take()
         first.send(mavlink.MAVLink_param_request_read_message(1, 1, name, number))
@@ -414,7 +415,7 @@ FLOATS = st.floats(width=32) | st.sampled_from([0.0, 1.0, 4.0, 21196.0, -1.0, 3e
     x=st.integers(-(2**31), 2**31 - 1),
     frame=st.integers(0, 12),
     mode=st.integers(0, 30),
-    name=st.sampled_from(sorted(TABLE)),
+    name=st.sampled_from(sorted(SIMULATED_PARAMETERS)),
 )
 @settings(max_examples=200, deadline=None)
 def test_any_numbers_are_survived(number, params, x, frame, mode, name):
@@ -438,5 +439,5 @@ def test_any_numbers_are_survived(number, params, x, frame, mode, name):
         )
     )
     peer.run(1.0)
-    for message in MESSAGES:
+    for message in MESSAGE_BUILDERS:
         assert peer.get(message).get_msgId() == message

@@ -10,44 +10,55 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from uav_mission_manager.autopilot.telemetry import Telemetry
 
-SET_DELAY = 1.0
-"""Time [s] that a fault must be seen before it is set."""
+FAULT_SET_DELAY = 1.0
+"""Time [s] that a fault must be seen before it is set: a choice, two messages at 2 Hz."""
 
-CLEAR_DELAY = 5.0
-"""Time [s] of health after which a sensor or camera fault is cleared."""
+FAULT_CLEAR_DELAY = 5.0
+"""Time [s] of health after which a sensor or camera fault is cleared: a choice."""
 
-FILTER_TIME = 2.0
-"""Time constant [s] of the low-pass filter of a motor's effectiveness."""
+EFFECTIVENESS_FILTER_TIME = 2.0
+"""Time constant [s] of the low-pass filter of a motor's effectiveness: a choice."""
 
 CAMERA_TIMEOUT = 3.0
-"""Time [s] without the camera's heartbeat after which it has failed."""
+"""Time [s] without the camera's heartbeat after which it has failed: three missing, at 1 Hz."""
 
-MIN_HEIGHT = 2.0
-"""Height above home [m] below which ground effect and touch-down unbalance the motors."""
+MIN_MOTOR_CHECK_HEIGHT = 2.0
+"""Height above home [m] below which ground effect and touch-down unbalance motors: a choice."""
 
 IDLE_PWM = 1100.0
-"""PWM [us] below which the motors idle and say nothing of their thrust."""
+"""PWM [us] below which the motors idle and say nothing of their thrust: ArduCopter's default
+(MOT_SPIN_ARM, a tenth of 1000 to 2000)."""
 
 ZERO_THRUST_PWM = 1000.0
-"""PWM [us] of a motor at rest."""
+"""PWM [us] of a motor at rest: ArduCopter's default (MOT_PWM_MIN)."""
 
 FIX_3D = mavlink.GPS_FIX_TYPE_3D_FIX
+"""GPS_RAW_INT.fix_type from which a receiver knows its position in three dimensions."""
 
-SENSORS = (
+SENSOR_HEALTH_BITS = (
     mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
     | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
     | mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG
     | mavlink.MAV_SYS_STATUS_SENSOR_GPS
     | mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
 )
-PROPULSION = mavlink.MAV_SYS_STATUS_SENSOR_PROPULSION
-EKF_NEEDED = (
+"""SYS_STATUS bits of the sensors whose failure is a sensor fault."""
+
+PROPULSION_HEALTH_BIT = mavlink.MAV_SYS_STATUS_SENSOR_PROPULSION
+"""SYS_STATUS bit of the motors, the actuators of the vehicle."""
+
+EKF_NEEDED_FLAGS = (
     mavlink.EKF_ATTITUDE
     | mavlink.EKF_VELOCITY_HORIZ
     | mavlink.EKF_VELOCITY_VERT
     | mavlink.EKF_POS_HORIZ_ABS
 )
-EKF_BAD = mavlink.EKF_CONST_POS_MODE | mavlink.EKF_GPS_GLITCHING | mavlink.EKF_UNINITIALIZED
+"""EKF_STATUS_REPORT flags of an estimator that knows attitude, velocity and position."""
+
+EKF_FAILURE_FLAGS = (
+    mavlink.EKF_CONST_POS_MODE | mavlink.EKF_GPS_GLITCHING | mavlink.EKF_UNINITIALIZED
+)
+"""EKF_STATUS_REPORT flags any of which says that there is no position to trust."""
 
 
 class Fault(IntFlag):
@@ -94,14 +105,15 @@ class FaultEstimator:
         if unhealthy is None or fix is None or ekf is None:
             self._since.clear()
             return None
-        located = fix >= FIX_3D and ekf & (EKF_NEEDED | EKF_BAD) == EKF_NEEDED
+        flags = ekf & (EKF_NEEDED_FLAGS | EKF_FAILURE_FLAGS)
+        located = fix >= FIX_3D and flags == EKF_NEEDED_FLAGS
         self._located = self._located or located
         if not self._located:
             return None
         self._filter_motors(telemetry)
-        self._debounce(Fault.SENSOR, not located or bool(unhealthy & SENSORS), now)
+        self._debounce(Fault.SENSOR, not located or bool(unhealthy & SENSOR_HEALTH_BITS), now)
         weak = min(self.effectiveness, default=1.0) < self._threshold
-        self._debounce(Fault.ACTUATOR, weak or bool(unhealthy & PROPULSION), now)
+        self._debounce(Fault.ACTUATOR, weak or bool(unhealthy & PROPULSION_HEALTH_BIT), now)
         self._debounce(Fault.CAMERA, camera_age is not None and camera_age > CAMERA_TIMEOUT, now)
         return self._faults
 
@@ -119,16 +131,17 @@ class FaultEstimator:
 
     def _debounce(self, fault: Fault, seen: bool, now: float) -> None:
         """Set or clear a fault once the change has lasted."""
+        delay = FAULT_SET_DELAY if seen else FAULT_CLEAR_DELAY
         if seen == bool(self._faults & fault) or (fault is Fault.ACTUATOR and not seen):
             self._since.pop(fault, None)
-        elif now - self._since.setdefault(fault, now) >= (SET_DELAY if seen else CLEAR_DELAY):
+        elif now - self._since.setdefault(fault, now) >= delay:
             self._faults ^= fault
             del self._since[fault]
 
     def _filter_motors(self, telemetry: Telemetry) -> None:
         motors = telemetry.motors[: telemetry.motor_count]
         height = telemetry.position.height if telemetry.position else 0.0
-        if telemetry.on_ground or height < MIN_HEIGHT:
+        if telemetry.on_ground or height < MIN_MOTOR_CHECK_HEIGHT:
             self.effectiveness = ()
             return
         elapsed = telemetry.motors_time - self._motors_time
@@ -139,7 +152,7 @@ class FaultEstimator:
         if len(self.effectiveness) != len(motors):
             self.effectiveness = (1.0,) * len(motors)
             return
-        gain = 1.0 - math.exp(-elapsed / FILTER_TIME)
+        gain = 1.0 - math.exp(-elapsed / EFFECTIVENESS_FILTER_TIME)
         # At most 2, lest a motor that idles for a moment hides its weakness afterwards.
         ratios = (middle / max(pwm - ZERO_THRUST_PWM, middle / 2.0) for pwm in motors)
         self.effectiveness = tuple(

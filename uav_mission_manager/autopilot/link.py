@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,24 +14,28 @@ HEARTBEAT_INTERVAL = 1.0
 """Time [s] between this program's own heartbeats, as MAVLink asks for."""
 
 ACK_TIMEOUT = 1.0
-"""Time [s] to wait for the answer to a command."""
+"""Time [s] to wait for the answer to a command: a choice."""
 
-TRANSMISSIONS = 3
-"""How often an unanswered command is sent at most."""
+MAX_TRANSMISSIONS = 3
+"""How often an unanswered command is sent at most: a choice."""
 
 STREAM_TIMEOUT = 3.0
-"""Time [s] without a message after which it is asked for."""
+"""Time [s] without a message after which it is asked for: a choice, six messages at 2 Hz."""
 
 STREAM_REFUSED_RETRY = 30.0
-"""Extra time [s] to wait before a refused message is asked for again."""
+"""Extra time [s] to wait before a refused message is asked for again: a choice."""
 
 UDP_PEER_TIMEOUT = 10.0
-"""Time [s] after which a silent UDP peer is forgotten."""
+"""Time [s] after which a silent UDP peer is forgotten: a choice."""
 
-MAX_READS = 200
-"""Reads from the port in one `poll`, so that it ends however much arrives."""
+MAX_PORT_READS = 200
+"""Reads from a port at a time, at most, so that this ends however much arrives. A choice: at 20
+looks a second 4,000 datagrams a second, a hundred times more than the bridge asks for."""
 
-STREAMS = {
+PORT_READ_BYTES = 4096
+"""Bytes of a read, at most. A choice; a MAVLink 2 message has no more than 280."""
+
+STREAM_RATES = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
     mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: 5.0,
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: 2.0,
@@ -39,11 +43,11 @@ STREAMS = {
     mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 2.0,
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 2.0,
 }
-"""Ids of the messages that the bridge needs, and their rates [Hz]."""
+"""Rate [Hz] by id of each message that the bridge needs: choices, 10 Hz to fly by."""
 
 
 @dataclass(frozen=True)
-class Command:
+class MavCommand:
     """A MAV_CMD: COMMAND_LONG, or COMMAND_INT where `frame` is given.
 
     `params` are param1 to param7; as COMMAND_INT params 5 and 6 are degrees.
@@ -61,7 +65,7 @@ class Command:
 
 @dataclass(frozen=True)
 class _Pending:
-    command: Command
+    command: MavCommand
     sent_at: float
     transmissions: int = 1
 
@@ -72,7 +76,16 @@ def enum_name(enum: str, value: int) -> str:
     return entry.name if entry else str(value)
 
 
-class Link:
+def read_port(port: Any) -> Iterator[bytes]:
+    """Yield what has arrived at a pymavlink port, up to `MAX_PORT_READS` times."""
+    for _ in range(MAX_PORT_READS):
+        data = port.recv(PORT_READ_BYTES)
+        if not data:
+            return
+        yield data
+
+
+class AutopilotLink:
     """One autopilot, found by its HEARTBEAT, on one MAVLink connection.
 
     Parameters
@@ -102,7 +115,7 @@ class Link:
         source_component: int = 191,
         target_system: int = 1,
         timeout: float = 3.0,
-        streams: Mapping[int, float] = STREAMS,
+        streams: Mapping[int, float] = STREAM_RATES,
     ) -> None:
         # UDP forgets silent peers; with one retry TCP reconnects without sleeping in between.
         try:
@@ -156,7 +169,7 @@ class Link:
             self._repeat_commands(now)
             self._ask_streams(now)
 
-    def send(self, command: Command, now: float) -> None:
+    def send(self, command: MavCommand, now: float) -> None:
         """Send a command, repeated until its ACK; it replaces an unanswered one of its number."""
         if self.up:
             self._pending[command.number] = _Pending(command, now)
@@ -182,10 +195,7 @@ class Link:
     def _read(self) -> list[Any]:
         messages: list[Any] = []
         try:
-            for _ in range(MAX_READS):
-                data = self._port.recv(4096)
-                if not data:
-                    break
+            for data in read_port(self._port):
                 messages += self._mav.parse_buffer(data) or []
             self.error = ''
         except OSError as error:
@@ -245,7 +255,7 @@ class Link:
         if ack.result != mavlink.MAV_RESULT_ACCEPTED:
             self._refuse(pending.command, enum_name('MAV_RESULT', ack.result), now)
 
-    def _refuse(self, command: Command, why: str, now: float) -> None:
+    def _refuse(self, command: MavCommand, why: str, now: float) -> None:
         if command.number == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
             self._stream_asked[int(command.params[0])] = now + STREAM_REFUSED_RETRY
         else:
@@ -255,7 +265,7 @@ class Link:
         for number, pending in list(self._pending.items()):
             if now - pending.sent_at < ACK_TIMEOUT:
                 continue
-            if pending.transmissions < TRANSMISSIONS:
+            if pending.transmissions < MAX_TRANSMISSIONS:
                 self._transmit(pending.command, pending.transmissions)
                 self._pending[number] = _Pending(pending.command, now, pending.transmissions + 1)
             else:
@@ -274,14 +284,14 @@ class Link:
             if now - last > STREAM_TIMEOUT:
                 self._stream_asked[message] = now
                 self.send(
-                    Command(
+                    MavCommand(
                         mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, (message, 1e6 / rate, 0, 0, 0, 0, 0)
                     ),
                     now,
                 )
                 return
 
-    def _transmit(self, command: Command, confirmation: int) -> None:
+    def _transmit(self, command: MavCommand, confirmation: int) -> None:
         target = self.target_system, self.target_component
         if command.frame is None:
             self._send(

@@ -14,18 +14,29 @@ from typing import Any
 
 from pymavlink import mavutil
 
-from uav_mission_manager.autopilot.simulator.flight import Flight
-from uav_mission_manager.autopilot.simulator.link import Link
-from uav_mission_manager.autopilot.simulator.physics import Origin
+from uav_mission_manager.autopilot.link import read_port
+from uav_mission_manager.autopilot.simulator.flight import SimulatedFlight
+from uav_mission_manager.autopilot.simulator.link import SimulatedLink
+from uav_mission_manager.autopilot.simulator.physics import SimulatedOrigin
 from uav_mission_manager.autopilot.simulator.protocol import Autopilot
 
 DEFAULT_CONNECTION = 'udpout:127.0.0.1:14550'
-CONNECTIONS = ('udpout:', 'udpin:', 'tcpin:')
-TIME_STEP = 0.02  # [s] simulated
-LONGEST_SLEEP, SHORTEST_SLEEP = 0.02, 0.005  # [s]
-MAX_LAG = 0.25  # [s] of wall time made up for after a stall; what is more is lost
-MAX_LATITUDE = 85.0  # [deg]; the local frame is flat
-MAX_READS = 200  # datagrams from a link in one turn
+"""Where ground stations and the bridge listen by default."""
+
+CONNECTION_PREFIXES = ('udpout:', 'udpin:', 'tcpin:')
+"""The kinds of pymavlink connection that are served."""
+
+SIMULATION_STEP = 0.02
+"""Simulated time [s] of a step: a choice, 50 Hz."""
+
+MIN_SLEEP, MAX_SLEEP = 0.005, 0.02
+"""Wall time [s] between two looks at the links: choices, quick answers for little work."""
+
+MAX_CATCH_UP_TIME = 0.25
+"""Wall time [s] that is made up for after a stall: a choice; what is more is lost."""
+
+MAX_LATITUDE = 85.0
+"""Latitude [deg] up to which the vehicle can stand: a choice, as the local frame is flat."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -39,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f'{" ".join(names)}: {error}')
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
-    flight = Flight(options.origin, options.boot_seconds, options.seed)
+    flight = SimulatedFlight(options.origin, options.boot_seconds, options.seed)
     flight.parameters['SIM_SPEEDUP'] = options.speedup
     place = ','.join(str(value) for value in astuple(options.origin))
     print(
@@ -51,30 +62,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _run(flight: Flight, ports: Sequence[Any], system: int) -> None:
+def _run(flight: SimulatedFlight, ports: Sequence[Any], system: int) -> None:
     """Let simulated time follow wall time, for ever."""
-    links = [Link(port, system) for port in ports]
+    links = [SimulatedLink(port, system) for port in ports]
     autopilot = Autopilot(flight, links, system)
     owed, last = 0.0, time.monotonic()
     while True:
         speedup = flight.parameters['SIM_SPEEDUP']
-        time.sleep(min(max(TIME_STEP / speedup, SHORTEST_SLEEP), LONGEST_SLEEP))
+        time.sleep(min(max(SIMULATION_STEP / speedup, MIN_SLEEP), MAX_SLEEP))
         for port, link in zip(ports, links, strict=True):
-            _read(autopilot, port, link)
+            for data in read_port(port):
+                autopilot.receive(link, data)
         now = time.monotonic()
-        owed += min(now - last, MAX_LAG) * speedup
+        owed += min(now - last, MAX_CATCH_UP_TIME) * speedup
         last = now
-        while owed >= TIME_STEP:
-            autopilot.step(TIME_STEP)
-            owed -= TIME_STEP
-
-
-def _read(autopilot: Autopilot, port: Any, link: Link) -> None:
-    for _ in range(MAX_READS):
-        data = port.recv(4096)
-        if not data:
-            return
-        autopilot.receive(link, data)
+        while owed >= SIMULATION_STEP:
+            autopilot.step(SIMULATION_STEP)
+            owed -= SIMULATION_STEP
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -119,8 +123,10 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _connection(text: str) -> str:
-    if not text.startswith(CONNECTIONS):
-        raise argparse.ArgumentTypeError(f'{text!r} does not begin with {", ".join(CONNECTIONS)}')
+    if not text.startswith(CONNECTION_PREFIXES):
+        raise argparse.ArgumentTypeError(
+            f'{text!r} does not begin with {", ".join(CONNECTION_PREFIXES)}'
+        )
     return text
 
 
@@ -131,14 +137,14 @@ def _positive(text: str) -> float:
     return value
 
 
-def _origin(text: str) -> Origin:
+def _origin(text: str) -> SimulatedOrigin:
     try:
         latitude, longitude, altitude = (float(part) for part in text.split(','))
     except ValueError:
         raise argparse.ArgumentTypeError(f'{text!r} is not LAT,LON,ALT') from None
     if not (abs(latitude) <= MAX_LATITUDE and abs(longitude) <= 180.0 and math.isfinite(altitude)):
         raise argparse.ArgumentTypeError(f'{text!r} is not a place between 85 S and 85 N')
-    return Origin(latitude, longitude, altitude)
+    return SimulatedOrigin(latitude, longitude, altitude)
 
 
 if __name__ == '__main__':

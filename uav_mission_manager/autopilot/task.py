@@ -26,7 +26,7 @@ class Phase(Enum):
 
 
 @dataclass(frozen=True)
-class Task:
+class FlightTask:
     """A mission command with its destination [deg].
 
     Attributes
@@ -92,7 +92,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Step:
+class PilotOutput:
     """Outcome of one update.
 
     Attributes

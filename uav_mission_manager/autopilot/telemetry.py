@@ -13,23 +13,26 @@ EARTH_RADIUS = 6371000.0
 """Mean radius of the Earth [m]."""
 
 POSITION_TIMEOUT = 2.0
-"""Age [s] above which a position is too old to fly by."""
+"""Age [s] above which a position is too old to fly by: a choice, twenty messages at 10 Hz."""
 
-MAX_VOLTAGE = 62.0
-"""Highest voltage [V] believed: above 14 full cells, below the 64.9 V sent in place of 0 V."""
+MAX_BELIEVED_VOLTAGE = 62.0
+"""Highest voltage [V] believed: above 14 full cells, below the 64.9 V that ArduCopter was seen to
+send in place of 0 V."""
 
 ON_GROUND_HEIGHT = 0.5
-"""Height above home [m] below which the vehicle is on the ground, where nothing else says so."""
+"""Height above home [m] below which the vehicle is on the ground, where nothing else says so: a
+choice."""
 
-STALE = 5.0
-"""Age [s] above which a value that is sent again and again is forgotten."""
+STATE_TIMEOUT = 5.0
+"""Age [s] above which a value that is sent again and again is forgotten: a choice, ten messages at
+2 Hz."""
 
-MOTORS = {
+MOTOR_COUNTS = {
     mavlink.MAV_TYPE_QUADROTOR: 4,
     mavlink.MAV_TYPE_HEXAROTOR: 6,
     mavlink.MAV_TYPE_OCTOROTOR: 8,
 }
-"""Number of motors by type of vehicle, where the motors are the first outputs."""
+"""Number of motors by MAV_TYPE, where the motors are the first outputs."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +69,7 @@ class Position:
 
 
 @dataclass(frozen=True)
-class Battery:
+class BatteryReading:
     """SYS_STATUS: charge 0 to 1, [V], [A] (discharge positive); NaN unknown."""
 
     charge: float
@@ -101,7 +104,7 @@ class Telemetry:
     failsafe: bool = False
     motor_count: int = 4
     position: Position | None = None
-    battery: Battery | None = None
+    battery: BatteryReading | None = None
     unhealthy: int | None = None
     ready: bool | None = None
     fix_type: int | None = None
@@ -141,12 +144,12 @@ def update(telemetry: Telemetry, message: Any, now: float) -> Telemetry:
 
 
 def forget(telemetry: Telemetry, now: float) -> Telemetry:
-    """Return `telemetry` without what was not said again for 5 s."""
+    """Return `telemetry` without what was not said again for `STATE_TIMEOUT`."""
     old: dict[str, Any] = {
         name: None
         for kind, names in _STATES.items()
         for name in names
-        if now - telemetry.received.get(kind, now) > STALE
+        if now - telemetry.received.get(kind, now) > STATE_TIMEOUT
     }
     return replace(telemetry, **old) if old else telemetry
 
@@ -156,7 +159,7 @@ def _heartbeat(message: Any, now: float) -> dict[str, Any]:
         'armed': bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED),
         'mode': message.custom_mode,
         'failsafe': message.system_status >= mavlink.MAV_STATE_CRITICAL,
-        'motor_count': MOTORS.get(message.type, 0),
+        'motor_count': MOTOR_COUNTS.get(message.type, 0),
     }
 
 
@@ -166,9 +169,9 @@ def _sys_status(message: Any, now: float) -> dict[str, Any]:
     prearm = mavlink.MAV_SYS_STATUS_PREARM_CHECK
     charge, current = message.battery_remaining, message.current_battery
     voltage = message.voltage_battery / 1000.0
-    battery = Battery(
+    battery = BatteryReading(
         charge / 100.0 if 0 <= charge <= 100 else math.nan,
-        voltage if 0.0 < voltage <= MAX_VOLTAGE else math.nan,
+        voltage if 0.0 < voltage <= MAX_BELIEVED_VOLTAGE else math.nan,
         current / 100.0 if current >= 0 else math.nan,
         not unhealthy & mavlink.MAV_SYS_STATUS_SENSOR_BATTERY,
     )

@@ -8,12 +8,10 @@ from enum import IntEnum
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from uav_mission_manager.autopilot.link import Command
-
-GROUND_SPEED = 1.0  # SPEED_TYPE_GROUNDSPEED
+from uav_mission_manager.autopilot.link import MavCommand
 
 
-class Mode(IntEnum):
+class FlightMode(IntEnum):
     """ArduCopter's flight modes (HEARTBEAT.custom_mode) by name."""
 
     STABILIZE = 0
@@ -30,14 +28,14 @@ class Mode(IntEnum):
 
 def mode_name(mode: int | None) -> str:
     """Name of a flight mode, `mode 27` where it has none here."""
-    return next((known.name for known in Mode if known == mode), f'mode {mode}')
+    return next((known.name for known in FlightMode if known == mode), f'mode {mode}')
 
 
 @dataclass(frozen=True)
 class SetMode:
     """Change the flight mode."""
 
-    mode: Mode
+    mode: FlightMode
 
 
 @dataclass(frozen=True)
@@ -63,26 +61,30 @@ class Fly:
 
 
 Request = SetMode | Arm | TakeOff | Fly
+"""What may be asked of the vehicle."""
 
 
-def commands(request: Request) -> tuple[Command, ...]:
+def commands(request: Request) -> tuple[MavCommand, ...]:
     """Return the commands of a request, in the order to send them.
 
     None of them changes the mode but SetMode: nothing else may take the vehicle from a pilot.
     """
     if isinstance(request, SetMode):
         return (
-            Command(
+            MavCommand(
                 mavlink.MAV_CMD_DO_SET_MODE,
                 (mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, request.mode, 0, 0, 0, 0, 0),
             ),
         )
     if isinstance(request, Arm):
-        return (Command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1, 0, 0, 0, 0, 0, 0)),)
+        return (MavCommand(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1, 0, 0, 0, 0, 0, 0)),)
     if isinstance(request, TakeOff):
-        return (Command(mavlink.MAV_CMD_NAV_TAKEOFF, (0, 0, 0, 0, 0, 0, request.height)),)
-    speed = Command(mavlink.MAV_CMD_DO_CHANGE_SPEED, (GROUND_SPEED, request.speed, -1, 0, 0, 0, 0))
-    reposition = Command(
+        return (MavCommand(mavlink.MAV_CMD_NAV_TAKEOFF, (0, 0, 0, 0, 0, 0, request.height)),)
+    speed = MavCommand(
+        mavlink.MAV_CMD_DO_CHANGE_SPEED,
+        (mavlink.SPEED_TYPE_GROUNDSPEED, request.speed, -1, 0, 0, 0, 0),
+    )
+    reposition = MavCommand(
         mavlink.MAV_CMD_DO_REPOSITION,
         (-1, 0, 0, math.nan, request.latitude, request.longitude, request.height),
         frame=mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,

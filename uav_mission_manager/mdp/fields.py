@@ -11,7 +11,7 @@ from uav_mission_manager.mdp.mission import Matrix, Row
 
 ROW_SUM_TOLERANCE = 1e-9
 
-T = TypeVar('T')
+_T = TypeVar('_T')
 
 
 class MissionError(ValueError):
@@ -22,7 +22,7 @@ class Bad(ValueError):
     """What is wrong with one value; the section that reads it adds where."""
 
 
-REQUIRED: Any = object()
+NO_DEFAULT: Any = object()
 
 
 class Section:
@@ -40,11 +40,11 @@ class Section:
         field = ' '.join(f'{self.place}.{key}'.strip('.').split()) or 'mission'
         raise MissionError(f'{self.source}: {field}: {problem}')
 
-    def get(self, key: str, check: Callable[[Any], T], default: Any = REQUIRED) -> T:
+    def get(self, key: str, check: Callable[[Any], _T], default: Any = NO_DEFAULT) -> _T:
         """Return the checked value of a field, or its default."""
         self.known.append(key)
         if key not in self.data:
-            if default is REQUIRED:
+            if default is NO_DEFAULT:
                 self.fail(key, 'is missing')
             return default
         try:
@@ -52,7 +52,7 @@ class Section:
         except Bad as error:
             self.fail(key, str(error))
 
-    def section(self, key: str, read: Callable[[Section], T], default: Any = REQUIRED) -> T:
+    def section(self, key: str, read: Callable[[Section], _T], default: Any = NO_DEFAULT) -> _T:
         """Return what `read` makes of a mapping below, or the default."""
         value = self.get(key, lambda data: data, default)
         if key not in self.data:

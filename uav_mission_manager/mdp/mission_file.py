@@ -140,7 +140,7 @@ def _goals(root: Section, grid: Grid, shared: Matrix | None) -> tuple[Goal, ...]
             eta=section.get('eta', fields.non_negative),
             delta=section.get('delta', fields.non_negative),
             priority_transition=section.get(
-                'priority_transition', fields.stochastic_matrix, shared or fields.REQUIRED
+                'priority_transition', fields.stochastic_matrix, shared or fields.NO_DEFAULT
             ),
         )
         if goal.name in (other.name for other in goals):

@@ -13,13 +13,13 @@ from std_msgs.msg import MultiArrayDimension, String, UInt8MultiArray
 
 from uav_mission_manager.mdp import load_mission
 from uav_mission_manager.nodes import qos
-from uav_mission_manager.nodes.parameters import Parameter, declare
-from uav_mission_manager.nodes.runtime import run, safety_clock
+from uav_mission_manager.nodes.parameters import NodeParameter, declare
+from uav_mission_manager.nodes.runtime import run_node, safety_clock
 from uav_mission_manager.paths import share_directory
 
 PARAMETERS = (
-    Parameter('mission', '', 'Mission file; empty is the shipped case study'),
-    Parameter('rate', 1.0, 'Repetition rate [Hz]', 0.1, 20.0),
+    NodeParameter('mission', '', 'Mission file; empty is the shipped case study'),
+    NodeParameter('rate', 1.0, 'Repetition rate [Hz]', 0.1, 20.0),
 )
 
 
@@ -34,7 +34,7 @@ class BaseStation(Node):
         settings = declare(self, PARAMETERS)
         path = settings.mission or share_directory() / 'config' / 'case_study.yaml'
         self._goals = tuple(goal.name for goal in load_mission(path).goals)
-        row = Parameter(
+        row = NodeParameter(
             'priorities',
             [0] * len(self._goals),
             'Priority of each goal in mission order: 0 none, 1 low, 2 high',
@@ -107,7 +107,7 @@ class BaseStation(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run(BaseStation, PARAMETERS, args)
+    return run_node(BaseStation, PARAMETERS, args)
 
 
 if __name__ == '__main__':

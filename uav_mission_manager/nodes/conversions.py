@@ -8,11 +8,12 @@ from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState, NavSatFix, NavSatStatus
 
-from uav_mission_manager.autopilot.telemetry import Battery, Position
+from uav_mission_manager.autopilot.telemetry import BatteryReading, Position
 from uav_mission_manager.mdp import Origin
+from uav_mission_manager.nodes.frames import BODY_FRAME, MAP_FRAME
 
 
-def battery_state(battery: Battery, stamp: Time) -> BatteryState:
+def battery_state(battery: BatteryReading, stamp: Time) -> BatteryState:
     """Return the ROS message; its current is negative while discharging."""
     message = BatteryState(
         voltage=battery.voltage,
@@ -36,8 +37,8 @@ def battery_state(battery: Battery, stamp: Time) -> BatteryState:
 
 def odometry(position: Position, origin: Origin, stamp: Time) -> Odometry:
     """Return the position in `map` (ENU), levelled, with the velocity in `base_link`."""
-    message = Odometry(child_frame_id='base_link')
-    message.header.frame_id, message.header.stamp = 'map', stamp
+    message = Odometry(child_frame_id=BODY_FRAME)
+    message.header.frame_id, message.header.stamp = MAP_FRAME, stamp
     place, turn = message.pose.pose.position, message.pose.pose.orientation
     place.x, place.y = origin.to_local(position.latitude, position.longitude)
     place.z = position.altitude - origin.altitude
@@ -57,5 +58,5 @@ def nav_sat_fix(position: Position, has_fix: bool, stamp: Time) -> NavSatFix:
         latitude=position.latitude, longitude=position.longitude, altitude=position.altitude
     )
     message.status.status = NavSatStatus.STATUS_FIX if has_fix else NavSatStatus.STATUS_NO_FIX
-    message.header.frame_id, message.header.stamp = 'base_link', stamp
+    message.header.frame_id, message.header.stamp = BODY_FRAME, stamp
     return message

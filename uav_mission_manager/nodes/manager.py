@@ -19,8 +19,9 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from uav_mission_manager.nodes import qos, reporting
-from uav_mission_manager.nodes.parameters import Parameter, declare
-from uav_mission_manager.nodes.runtime import run, safety_clock
+from uav_mission_manager.nodes.frames import MAP_FRAME
+from uav_mission_manager.nodes.parameters import NodeParameter, declare
+from uav_mission_manager.nodes.runtime import run_node, safety_clock
 from uav_mission_manager.onboard import InputError, Refusal, Situation, decide, format_command
 from uav_mission_manager.paths import share_directory
 from uav_mission_manager.policy import Decision, load_policy
@@ -29,22 +30,22 @@ Change = Callable[[Situation, Any, float], Situation]
 """How a message received at a time [s] changes the situation; raises `InputError`."""
 
 PARAMETERS = (
-    Parameter('policy', '', 'Directory of the policy set; empty is the shipped case study'),
-    Parameter(
+    NodeParameter('policy', '', 'Directory of the policy set; empty is the shipped case study'),
+    NodeParameter(
         'input_timeout',
         3.0,
         'Age of battery, odom or fault mode above which no command is published [s]',
         0.1,
         60.0,
     ),
-    Parameter(
+    NodeParameter(
         'range_hysteresis',
         0.2,
         'Extra range with which a lost range flag comes back (fraction)',
         0.0,
         1.0,
     ),
-    Parameter('rate', 1.0, 'Rate of decisions and of the repeated command [Hz]', 1.0, 20.0),
+    NodeParameter('rate', 1.0, 'Rate of decisions and of the repeated command [Hz]', 1.0, 20.0),
 )
 
 
@@ -257,8 +258,8 @@ def _key(decision: Decision) -> tuple[object, ...]:
 
 
 def _with_odometry(situation: Situation, message: Odometry, now: float) -> Situation:
-    if message.header.frame_id not in ('', reporting.FRAME):
-        raise InputError(f'odom: frame_id {message.header.frame_id!r} is not {reporting.FRAME!r}')
+    if message.header.frame_id not in ('', MAP_FRAME):
+        raise InputError(f'odom: frame_id {message.header.frame_id!r} is not {MAP_FRAME!r}')
     position = message.pose.pose.position
     return situation.with_position(position.x, position.y, now)
 
@@ -270,7 +271,7 @@ def _with_priorities(situation: Situation, message: UInt8MultiArray, now: float)
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run(Manager, PARAMETERS, args)
+    return run_node(Manager, PARAMETERS, args)
 
 
 if __name__ == '__main__':

@@ -15,9 +15,9 @@ from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
 
 from uav_mission_manager.autopilot.faults import FIX_3D, Fault, FaultEstimator
-from uav_mission_manager.autopilot.link import Link
-from uav_mission_manager.autopilot.pilot import NO_HOLD, Pilot
-from uav_mission_manager.autopilot.task import Phase, Settings, Step, Task
+from uav_mission_manager.autopilot.link import AutopilotLink
+from uav_mission_manager.autopilot.pilot import NO_POSITION_TO_HOLD, Pilot
+from uav_mission_manager.autopilot.task import FlightTask, Phase, PilotOutput, Settings
 from uav_mission_manager.autopilot.telemetry import Telemetry, forget, update
 from uav_mission_manager.autopilot.vehicle import commands, mode_name
 from uav_mission_manager.mdp import (
@@ -30,9 +30,10 @@ from uav_mission_manager.mdp import (
 )
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.conversions import battery_state, nav_sat_fix, odometry
-from uav_mission_manager.nodes.parameters import Parameter, declare
+from uav_mission_manager.nodes.frames import MAP_FRAME
+from uav_mission_manager.nodes.parameters import NodeParameter, declare
 from uav_mission_manager.nodes.reporting import status
-from uav_mission_manager.nodes.runtime import run, safety_clock
+from uav_mission_manager.nodes.runtime import run_node, safety_clock
 from uav_mission_manager.onboard import parse_command
 from uav_mission_manager.paths import share_directory
 
@@ -42,7 +43,7 @@ POLL_PERIOD = 0.05
 FAULT_PERIOD = 0.5
 """Time [s] after which an unchanged fault mode is published again."""
 
-CAMERA = 100
+CAMERA_COMPONENT = 100
 """MAV_COMP_ID_CAMERA, the component whose heartbeat says that the camera works."""
 
 STATUSTEXT_WARNING = 4
@@ -51,26 +52,26 @@ STATUSTEXT_WARNING = 4
 WARNING_PHASES = (Phase.NO_LINK, Phase.PILOT, Phase.HOLDING, Phase.RETURNING)
 """Phases in which the manager's commands are not flown."""
 
-FLIGHT = Settings()
+DEFAULT_SETTINGS = Settings()
 """Defaults of the flight parameters."""
 
 
-def _flight(name: str, description: str, minimum: float, maximum: float) -> Parameter:
-    return Parameter(name, getattr(FLIGHT, name), description, minimum, maximum)
+def _flight(name: str, description: str, minimum: float, maximum: float) -> NodeParameter:
+    return NodeParameter(name, getattr(DEFAULT_SETTINGS, name), description, minimum, maximum)
 
 
 PARAMETERS = (
-    Parameter('mission', '', 'Mission file; empty is the shipped case study'),
-    Parameter('connection', 'udpin:127.0.0.1:14550', 'pymavlink connection string'),
-    Parameter('source_system', 1, 'MAVLink system id of the bridge', 1, 255),
-    Parameter('source_component', 191, 'MAVLink component id of the bridge', 1, 255),
-    Parameter(
+    NodeParameter('mission', '', 'Mission file; empty is the shipped case study'),
+    NodeParameter('connection', 'udpin:127.0.0.1:14550', 'pymavlink connection string'),
+    NodeParameter('source_system', 1, 'MAVLink system id of the bridge', 1, 255),
+    NodeParameter('source_component', 191, 'MAVLink component id of the bridge', 1, 255),
+    NodeParameter(
         'target_system', 1, 'MAVLink system id of the vehicle; 0 is the first one heard', 0, 255
     ),
-    Parameter(
+    NodeParameter(
         'link_timeout', 3.0, 'Time without a heartbeat after which the link is lost [s]', 0.5, 60.0
     ),
-    Parameter(
+    NodeParameter(
         'effectiveness_threshold',
         0.85,
         'Effectiveness below which a motor has failed: its thrust, compared with that of the '
@@ -86,8 +87,10 @@ PARAMETERS = (
     _flight('service_time', 'Time landed in the service cell until a repair [s]', 0.0, 3600.0),
     _flight('manager_timeout', 'Time without mission command until it holds [s]', 1.5, 600.0),
     _flight('rtl_delay', 'Time of holding until it returns to launch [s]', 0.0, 3600.0),
-    Parameter(
-        'allow_arming', FLIGHT.allow_arming, 'Whether the bridge may arm the vehicle and take off'
+    NodeParameter(
+        'allow_arming',
+        DEFAULT_SETTINGS.allow_arming,
+        'Whether the bridge may arm the vehicle and take off',
     ),
 )
 
@@ -112,11 +115,15 @@ class MavlinkBridge(Node):
             Settings(
                 landed_radius=max(p.acceptance_radius, grid.cell_size / 2.0),
                 reach=2.0 * math.hypot(grid.rows, grid.cols) * grid.cell_size,
-                **{name: value for name, value in vars(p).items() if hasattr(FLIGHT, name)},
+                **{
+                    name: value
+                    for name, value in vars(p).items()
+                    if hasattr(DEFAULT_SETTINGS, name)
+                },
             )
         )
         self._faults = FaultEstimator(p.effectiveness_threshold)
-        self._link = Link(
+        self._link = AutopilotLink(
             p.connection,
             source_system=p.source_system,
             source_component=p.source_component,
@@ -124,7 +131,7 @@ class MavlinkBridge(Node):
             timeout=p.link_timeout,
         )
         self._telemetry = Telemetry()
-        self._step = Step(Phase.NO_LINK, 'no heartbeat of the autopilot yet')
+        self._step = PilotOutput(Phase.NO_LINK, 'no heartbeat of the autopilot yet')
         self._pose_cell: int | None = None
         self._command = self._received = self._complaint = ''
         self._posed_at = self._commanded_at = -math.inf
@@ -193,7 +200,7 @@ class MavlinkBridge(Node):
             )
 
     def _on_pose(self, message: PoseStamped) -> None:
-        if message.header.frame_id == 'map':
+        if message.header.frame_id == MAP_FRAME:
             grid, point = self._mission.grid, message.pose.position
             inside = grid.contains(point.x, point.y)
             self._pose_cell = grid.cell_at(point.x, point.y) if inside else None
@@ -204,9 +211,9 @@ class MavlinkBridge(Node):
             self.get_logger().error(complaint)
         self._complaint = complaint
 
-    def _task(self, action: Action) -> Task:
+    def _task(self, action: Action) -> FlightTask:
         point = self._mission.grid.position(action.destination)
-        return Task(
+        return FlightTask(
             self._command,
             *self._origin.to_geodetic(*point),
             agile=action.agile,
@@ -224,7 +231,7 @@ class MavlinkBridge(Node):
         if not self._link.up:
             response.message = f'{self._step.status}; holds when it is back'
         elif flying and self._telemetry.fix(self._now()) is None:
-            response.message = NO_HOLD
+            response.message = NO_POSITION_TO_HOLD
         else:
             response.success, response.message = True, 'holds until ~/resume'
         return response
@@ -285,7 +292,7 @@ class MavlinkBridge(Node):
             self._global_position.publish(
                 nav_sat_fix(position, (telemetry.fix_type or 0) >= FIX_3D, stamp)
             )
-        age = self._link.component_age(CAMERA, now)
+        age = self._link.component_age(CAMERA_COMPONENT, now)
         fault = self._faults.update(telemetry, age, now)
         if fault is not None and (fault != self._fault or now - self._fault_at >= FAULT_PERIOD):
             self._fault_mode.publish(String(data=FAULT_MODES[fault]))
@@ -338,7 +345,7 @@ def _origin(mission: Mission, path: Any) -> Origin:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run(MavlinkBridge, PARAMETERS, args)
+    return run_node(MavlinkBridge, PARAMETERS, args)
 
 
 if __name__ == '__main__':

@@ -19,7 +19,7 @@ from rclpy.node import Node
 
 
 @dataclass(frozen=True)
-class Parameter:
+class NodeParameter:
     """One row of a node's table; `minimum` and `maximum` are inclusive and come together."""
 
     name: str
@@ -47,7 +47,7 @@ class Parameter:
         return message
 
 
-def declare(node: Node, table: tuple[Parameter, ...]) -> SimpleNamespace:
+def declare(node: Node, table: tuple[NodeParameter, ...]) -> SimpleNamespace:
     """Declare `table` on `node` and return the values by name.
 
     Raises

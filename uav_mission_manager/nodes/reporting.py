@@ -11,12 +11,12 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from uav_mission_manager.mdp import Grid
+from uav_mission_manager.nodes.frames import MAP_FRAME
 from uav_mission_manager.onboard import Refusal, Situation, format_command
 from uav_mission_manager.policy import Decision
 
 Colour = tuple[float, float, float, float]
 
-FRAME = 'map'
 WHITE, GREY, BLUE = (1.0, 1.0, 1.0, 1.0), (0.6, 0.6, 0.6, 1.0), (0.1, 0.4, 1.0, 1.0)
 PRIORITY_COLOURS = (GREY, (1.0, 0.8, 0.1, 1.0), (1.0, 0.4, 0.0, 1.0))
 THREAT_COLOURS = ((0.0, 0.8, 0.2, 0.2), (1.0, 0.8, 0.0, 0.4), (1.0, 0.0, 0.0, 0.5))
@@ -60,7 +60,7 @@ def decision_status(
 
 def cell_pose(grid: Grid, cell: int, stamp: Time) -> PoseStamped:
     """Return the centre of a cell in `map`."""
-    message = PoseStamped(header=Header(stamp=stamp, frame_id=FRAME))
+    message = PoseStamped(header=Header(stamp=stamp, frame_id=MAP_FRAME))
     message.pose.position.x, message.pose.position.y = grid.position(cell)
     message.pose.orientation.w = 1.0
     return message
@@ -71,7 +71,9 @@ def markers(situation: Situation, target: int | None, stamp: Time) -> MarkerArra
     grid, array = situation.mission.grid, MarkerArray()
 
     def add(space: str, kind: int, colour: Colour, size: float, number: int = 0) -> Marker:
-        marker = Marker(header=Header(stamp=stamp, frame_id=FRAME), ns=space, id=number, type=kind)
+        marker = Marker(
+            header=Header(stamp=stamp, frame_id=MAP_FRAME), ns=space, id=number, type=kind
+        )
         marker.pose.orientation.w = 1.0
         marker.color = ColorRGBA(**dict(zip('rgba', colour, strict=True)))
         marker.scale.x = marker.scale.y = marker.scale.z = size

@@ -15,7 +15,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.logging import get_logger
 from rclpy.node import Node
 
-from uav_mission_manager.nodes.parameters import Parameter
+from uav_mission_manager.nodes.parameters import NodeParameter
 
 # MissionError, PolicyError and refused parameters are ValueErrors.
 START_ERRORS = (ValueError, OSError)
@@ -31,9 +31,9 @@ def safety_clock(node: Node) -> Clock:
     return Clock(clock_type=ClockType.STEADY_TIME)
 
 
-def run(
+def run_node(
     node_class: Callable[[], Node],
-    table: tuple[Parameter, ...],
+    table: tuple[NodeParameter, ...],
     args: list[str] | None = None,
 ) -> int:
     """Spin a `node_class()` with the parameters of `table` until the process is asked to stop.
@@ -76,7 +76,7 @@ def run(
     return 0
 
 
-def _help(node_class: Callable[[], Node], table: tuple[Parameter, ...]) -> str:
+def _help(node_class: Callable[[], Node], table: tuple[NodeParameter, ...]) -> str:
     rows = '\n'.join(f'  {row.name:<24} {row.description} ({row.default!r})' for row in table)
     usage = '--ros-args [-r __ns:=/NAMESPACE] [-p NAME:=VALUE ...] [--params-file FILE]'
     return f'{inspect.getdoc(node_class)}\n\n{usage}\n\nparameters (default):\n{rows}'

@@ -12,22 +12,22 @@ from std_srvs.srv import Trigger
 
 from uav_mission_manager import build_policy, load_mission
 from uav_mission_manager.nodes import qos
-from uav_mission_manager.nodes.parameters import Parameter, declare
-from uav_mission_manager.nodes.runtime import run
+from uav_mission_manager.nodes.parameters import NodeParameter, declare
+from uav_mission_manager.nodes.runtime import run_node
 from uav_mission_manager.paths import share_directory
 from uav_mission_manager.policy import DEFAULT_METHOD, METHODS
 
 PARAMETERS = (
-    Parameter(
+    NodeParameter(
         'mission',
         '',
         'Mission file, read at every build; empty is the shipped case study',
         read_only=False,
     ),
-    Parameter(
+    NodeParameter(
         'method', DEFAULT_METHOD, f'How the policy is made: {", ".join(METHODS)}', read_only=False
     ),
-    Parameter(
+    NodeParameter(
         'out',
         '',
         'Directory of the policy set; empty is uav_mission_manager/MISSION in ROS_HOME (~/.ros)',
@@ -85,7 +85,7 @@ def _default_out(name: str) -> Path:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run(Solver, PARAMETERS, args)
+    return run_node(Solver, PARAMETERS, args)
 
 
 if __name__ == '__main__':

@@ -14,7 +14,7 @@ from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, Action, Mission
 from uav_mission_manager.onboard.range_model import range_flags, required_ranges
 from uav_mission_manager.policy import Decision, Policy
 
-REQUIRED = ('battery_state', 'odom', 'fault_mode')
+REQUIRED_INPUTS = ('battery_state', 'odom', 'fault_mode')
 """Inputs that a decision needs, each of them fresh."""
 
 
@@ -170,7 +170,7 @@ class Situation:
         # A clock set back makes ages negative: as suspect as old ones.
         return tuple(
             f'{topic} {ages[topic]:.1f} s old' if topic in ages else f'{topic} never received'
-            for topic in REQUIRED
+            for topic in REQUIRED_INPUTS
             if topic not in ages or abs(ages[topic]) > timeout
         )
 

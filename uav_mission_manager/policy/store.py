@@ -32,8 +32,8 @@ SCHEMA = 4
 
 MANIFEST = 'manifest.json'
 ARRAYS = {'value': ('float64', 'float32'), 'actions': ('uint8',)}
-READ_BYTES = 1 << 20
-"""Bytes hashed at a time."""
+HASH_CHUNK_BYTES = 1 << 20
+"""Bytes of a file that are hashed at a time: 1 MiB, a choice."""
 
 FIT = ('points', 'iterations', 'spread', 'converged')
 QUALITY = ('lower', 'upper', 'residual', 'iterations', 'converged')
@@ -215,7 +215,7 @@ def _read_certificate(directory: Path, mission: Mission, part: dict[str, Any]) -
 def _sha256(file: Path) -> str:
     digest = hashlib.sha256()
     with file.open('rb') as stream:
-        while chunk := stream.read(READ_BYTES):
+        while chunk := stream.read(HASH_CHUNK_BYTES):
             digest.update(chunk)
     return digest.hexdigest()
 

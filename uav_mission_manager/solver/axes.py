@@ -16,23 +16,25 @@ import numpy as np
 
 from uav_mission_manager.mdp.arrays import IndexArray, RealArray
 
-Step = tuple[Callable[..., Any], tuple[Any, ...]]
+ArrayStep = tuple[Callable[..., Any], tuple[Any, ...]]
 
 
-def run(steps: Iterable[Step]) -> None:
+def run_steps(steps: Iterable[ArrayStep]) -> None:
     """Take the steps in their order."""
     for function, arguments in steps:
         function(*arguments)
 
 
-def mix(source: RealArray, matrices: RealArray, out: RealArray, scratch: RealArray) -> list[Step]:
+def mix(
+    source: RealArray, matrices: RealArray, out: RealArray, scratch: RealArray
+) -> list[ArrayStep]:
     """Expectation out[b, i] = sum_j P[b, i, j] source[b, j].
 
     `source`, `out` and `scratch` have shape (before, n, ...), `matrices` (before, n, n), or
     (1, n, n) where all are the same.
     """
     weights = matrices.reshape(*matrices.shape, *(1,) * (source.ndim - 2))
-    steps: list[Step] = [(np.multiply, (weights[:, :, 0], source[:, 0, None], out))]
+    steps: list[ArrayStep] = [(np.multiply, (weights[:, :, 0], source[:, 0, None], out))]
     for j in range(1, matrices.shape[-1]):
         steps.append((np.multiply, (weights[:, :, j], source[:, j, None], scratch)))
         steps.append((np.add, (out, scratch, out)))
@@ -41,7 +43,7 @@ def mix(source: RealArray, matrices: RealArray, out: RealArray, scratch: RealArr
 
 def drift(
     values: RealArray, towards: RealArray, probability: RealArray, scratch: RealArray
-) -> list[Step]:
+) -> list[ArrayStep]:
     """Expectation over a change that cannot be undone: values += p (towards - values)."""
     return [
         (np.subtract, (towards, values, scratch)),
@@ -50,7 +52,7 @@ def drift(
     ]
 
 
-def gather(source: RealArray, rows: IndexArray, out: RealArray) -> Step:
+def gather(source: RealArray, rows: IndexArray, out: RealArray) -> ArrayStep:
     """Step out[i] = source[rows[i]]; `source` in one piece."""
     # mode='raise' would go through a buffer.
     return source.take, (rows, 0, out, 'clip')

@@ -19,8 +19,8 @@ try:
 except ImportError:  # rosdep has no key for it; builds are right without it, only slower.
     threadpool_limits = None
 
-T = TypeVar('T')
-R = TypeVar('R')
+_Item = TypeVar('_Item')
+_Result = TypeVar('_Result')
 
 
 def processors() -> int:
@@ -37,11 +37,13 @@ def single_threaded_blas() -> Iterator[None]:
         yield
 
 
-def share(work: Callable[[int, T], R], items: Sequence[T], threads: int) -> list[R]:
+def share(
+    work: Callable[[int, _Item], _Result], items: Sequence[_Item], threads: int
+) -> list[_Result]:
     """Results of work(thread, item), in no order, of items that idle threads take one by one."""
     queue = iter(items)
 
-    def each(thread: int) -> list[R]:
+    def each(thread: int) -> list[_Result]:
         return [work(thread, item) for item in queue]
 
     if threads == 1:

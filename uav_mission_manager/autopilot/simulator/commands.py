@@ -9,19 +9,33 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from uav_mission_manager.autopilot.simulator.flight import Flight, Home, Mode
-from uav_mission_manager.autopilot.simulator.link import Link
-from uav_mission_manager.autopilot.simulator.messages import MESSAGES
+from uav_mission_manager.autopilot.simulator.flight import Home, SimulatedFlight
+from uav_mission_manager.autopilot.simulator.link import SimulatedLink
+from uav_mission_manager.autopilot.simulator.messages import MESSAGE_BUILDERS
+from uav_mission_manager.autopilot.simulator.modes import SimulatedMode
 
-ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4  # MAV_RESULT
+ACCEPTED, DENIED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_DENIED
+UNSUPPORTED, FAILED = mavlink.MAV_RESULT_UNSUPPORTED, mavlink.MAV_RESULT_FAILED
+"""Results of a command."""
+
 FORCE_ARM, FORCE_DISARM = 2989, 21196
-RELATIVE = (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
-ABSOLUTE = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
-MAX_ALTITUDE = 1e5  # [m]
+"""Param 2 of MAV_CMD_COMPONENT_ARM_DISARM that skips all checks, on ArduPilot."""
+
+HEIGHT_ABOVE_HOME_FRAMES = (
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+)
+"""Frames of places whose height is that above home."""
+
+HEIGHT_ABOVE_SEA_FRAMES = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
+"""Frames of places whose height is that above mean sea level."""
+
+MAX_COMMANDED_ALTITUDE = 1e5
+"""Height [m] above which a place is none: a choice, beyond any aircraft's."""
 
 
 @dataclass(frozen=True)
-class Command:
+class ReceivedCommand:
     """A COMMAND_LONG or COMMAND_INT: params 1-4, latitude and longitude [deg], z [m]."""
 
     params: tuple[float, float, float, float]
@@ -32,7 +46,7 @@ class Command:
     as_int: bool
 
     @classmethod
-    def of(cls, message: Any) -> Command:
+    def of(cls, message: Any) -> ReceivedCommand:
         """Read either message."""
         params = (message.param1, message.param2, message.param3, message.param4)
         if message.get_type() == 'COMMAND_INT':
@@ -53,17 +67,19 @@ class Command:
 
 
 def place(
-    flight: Flight, latitude: float, longitude: float, z: float, frame: int
+    flight: SimulatedFlight, latitude: float, longitude: float, z: float, frame: int
 ) -> tuple[complex, float] | None:
     """Local position and altitude over the origin of a geodetic place; None if it is none."""
-    sane = abs(latitude) <= 90.0 and abs(longitude) <= 180.0 and abs(z) <= MAX_ALTITUDE
-    if not sane or frame not in RELATIVE + ABSOLUTE:
+    sane = abs(latitude) <= 90.0 and abs(longitude) <= 180.0 and abs(z) <= MAX_COMMANDED_ALTITUDE
+    if not sane or frame not in HEIGHT_ABOVE_HOME_FRAMES + HEIGHT_ABOVE_SEA_FRAMES:
         return None
-    base = flight.home.altitude if frame in RELATIVE else -flight.origin.altitude
+    base = flight.home.altitude if frame in HEIGHT_ABOVE_HOME_FRAMES else -flight.origin.altitude
     return flight.origin.to_local(latitude, longitude), base + z
 
 
-def run(flight: Flight, link: Link, number: int, command: Command) -> int:
+def execute(
+    flight: SimulatedFlight, link: SimulatedLink, number: int, command: ReceivedCommand
+) -> int:
     """Do a command, return its MAV_RESULT."""
     handler = _HANDLERS.get(number)
     return handler(flight, link, command) if handler else UNSUPPORTED
@@ -73,43 +89,43 @@ def _done(success: bool) -> int:
     return ACCEPTED if success else FAILED
 
 
-def _arm_disarm(flight: Flight, _link: Link, command: Command) -> int:
+def _arm_disarm(flight: SimulatedFlight, _link: SimulatedLink, command: ReceivedCommand) -> int:
     wanted, magic = command.integer(1), command.integer(2)
     if wanted == 1:
         return _done(flight.arm(force=magic == FORCE_ARM))
     return _done(flight.disarm(force=magic == FORCE_DISARM)) if wanted == 0 else UNSUPPORTED
 
 
-def _set_mode(flight: Flight, _link: Link, command: Command) -> int:
+def _set_mode(flight: SimulatedFlight, _link: SimulatedLink, command: ReceivedCommand) -> int:
     if not command.integer(1) & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
         return DENIED
     return _done(flight.set_mode(command.integer(2)))
 
 
-def _take_off(flight: Flight, _link: Link, command: Command) -> int:
-    if command.frame not in RELATIVE or not math.isfinite(command.z):
+def _take_off(flight: SimulatedFlight, _link: SimulatedLink, command: ReceivedCommand) -> int:
+    if command.frame not in HEIGHT_ABOVE_HOME_FRAMES or not math.isfinite(command.z):
         return DENIED
     return _done(flight.take_off(command.z))
 
 
-def _reposition(flight: Flight, _link: Link, command: Command) -> int:
+def _reposition(flight: SimulatedFlight, _link: SimulatedLink, command: ReceivedCommand) -> int:
     if not command.as_int:
         return UNSUPPORTED
     target = place(flight, command.latitude, command.longitude, command.z, command.frame)
     change = command.integer(2) & mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
-    if target is None or (flight.mode != Mode.GUIDED and not change):
+    if target is None or (flight.mode != SimulatedMode.GUIDED and not change):
         return DENIED
-    return _done(flight.set_mode(Mode.GUIDED) and flight.go_to(*target))
+    return _done(flight.set_mode(SimulatedMode.GUIDED) and flight.go_to(*target))
 
 
-def _change_speed(flight: Flight, _link: Link, command: Command) -> int:
+def _change_speed(flight: SimulatedFlight, _link: SimulatedLink, command: ReceivedCommand) -> int:
     kind, speed = command.integer(1), command.params[1]
     if kind not in range(4) or not (math.isfinite(speed) and speed > 0.0):
         return DENIED
     return _done(flight.set_speed(kind, speed))
 
 
-def _set_home(flight: Flight, _link: Link, command: Command) -> int:
+def _set_home(flight: SimulatedFlight, _link: SimulatedLink, command: ReceivedCommand) -> int:
     here: tuple[complex, float] | None = (flight.body.position, flight.body.altitude)
     if command.integer(1) != 1:
         here = place(flight, command.latitude, command.longitude, command.z, command.frame)
@@ -119,32 +135,36 @@ def _set_home(flight: Flight, _link: Link, command: Command) -> int:
     return ACCEPTED
 
 
-def _set_interval(flight: Flight, link: Link, command: Command) -> int:
+def _set_interval(flight: SimulatedFlight, link: SimulatedLink, command: ReceivedCommand) -> int:
     message, microseconds = command.integer(1), command.params[1]
-    if message not in MESSAGES or not math.isfinite(microseconds):
+    if message not in MESSAGE_BUILDERS or not math.isfinite(microseconds):
         return DENIED
     link.stream(message, microseconds / 1e6, flight.time)
     return ACCEPTED
 
 
-def _request_message(flight: Flight, link: Link, command: Command) -> int:
-    build = MESSAGES.get(command.integer(1))
+def _request_message(
+    flight: SimulatedFlight, link: SimulatedLink, command: ReceivedCommand
+) -> int:
+    build = MESSAGE_BUILDERS.get(command.integer(1))
     if build is None:
         return FAILED
     link.send(build(flight))
     return ACCEPTED
 
 
-def _mode_command(mode: Mode) -> Callable[[Flight, Link, Command], int]:
+def _mode_command(
+    mode: SimulatedMode,
+) -> Callable[[SimulatedFlight, SimulatedLink, ReceivedCommand], int]:
     return lambda flight, _link, _command: _done(flight.set_mode(mode))
 
 
-_HANDLERS: dict[int, Callable[[Flight, Link, Command], int]] = {
+_HANDLERS: dict[int, Callable[[SimulatedFlight, SimulatedLink, ReceivedCommand], int]] = {
     mavlink.MAV_CMD_COMPONENT_ARM_DISARM: _arm_disarm,
     mavlink.MAV_CMD_DO_SET_MODE: _set_mode,
     mavlink.MAV_CMD_NAV_TAKEOFF: _take_off,
-    mavlink.MAV_CMD_NAV_LAND: _mode_command(Mode.LAND),
-    mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: _mode_command(Mode.RTL),
+    mavlink.MAV_CMD_NAV_LAND: _mode_command(SimulatedMode.LAND),
+    mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: _mode_command(SimulatedMode.RTL),
     mavlink.MAV_CMD_DO_REPOSITION: _reposition,
     mavlink.MAV_CMD_DO_CHANGE_SPEED: _change_speed,
     mavlink.MAV_CMD_DO_SET_HOME: _set_home,

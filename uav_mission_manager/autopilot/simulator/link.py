@@ -6,9 +6,11 @@ from typing import Any, Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-AUTOPILOT, CAMERA = mavlink.MAV_COMP_ID_AUTOPILOT1, mavlink.MAV_COMP_ID_CAMERA
-UNASKED = {mavlink.MAVLINK_MSG_ID_HEARTBEAT: 1.0, mavlink.MAVLINK_MSG_ID_TIMESYNC: 10.0}
-"""What streams without being asked for, with its interval [s]."""
+DEFAULT_STREAM_INTERVALS = {
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
+    mavlink.MAVLINK_MSG_ID_TIMESYNC: 10.0,
+}
+"""Interval [s] of each message that streams without being asked for, as on ArduCopter."""
 
 
 class Writer(Protocol):
@@ -18,15 +20,15 @@ class Writer(Protocol):
         """Send the bytes of one message."""
 
 
-class Link:
+class SimulatedLink:
     """Both components' MAVLink encoders, a parser, and the intervals asked for on this link."""
 
     def __init__(self, writer: Writer, system: int = 1) -> None:
-        self._autopilot = mavlink.MAVLink(writer, system, AUTOPILOT)
-        self._camera = mavlink.MAVLink(writer, system, CAMERA)
+        self._autopilot = mavlink.MAVLink(writer, system, mavlink.MAV_COMP_ID_AUTOPILOT1)
+        self._camera = mavlink.MAVLink(writer, system, mavlink.MAV_COMP_ID_CAMERA)
         self._autopilot.robust_parsing = True
-        self._interval = dict(UNASKED)  # [s]
-        self._due = dict.fromkeys(UNASKED, 0.0)  # [s] simulated
+        self._interval = dict(DEFAULT_STREAM_INTERVALS)  # [s]
+        self._due = dict.fromkeys(DEFAULT_STREAM_INTERVALS, 0.0)  # [s] simulated
 
     def parse(self, data: bytes) -> list[Any]:
         """Return the messages that `data` completes."""
@@ -43,7 +45,7 @@ class Link:
     def stream(self, message: int, interval: float, now: float) -> None:
         """Send a message every `interval` seconds; 0 is its default, less is never."""
         if interval == 0.0:
-            interval = UNASKED.get(message, -1.0)
+            interval = DEFAULT_STREAM_INTERVALS.get(message, -1.0)
         self._interval[message] = interval
         self._due[message] = now + interval
 

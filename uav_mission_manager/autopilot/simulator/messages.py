@@ -9,19 +9,26 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from uav_mission_manager.autopilot.simulator.flight import Flight, Mode
-from uav_mission_manager.autopilot.simulator.physics import MAX_SPAN, OFF_PWM
+from uav_mission_manager.autopilot.simulator.flight import SimulatedFlight
+from uav_mission_manager.autopilot.simulator.modes import SimulatedMode
+from uav_mission_manager.autopilot.simulator.physics import MAX_SPAN, STOPPED_PWM
 
-UNKNOWN_16 = 65535
-BOOT_UNIX_TIME = 1767225600.0  # [s] when every simulation boots: it takes no wall time
-ALWAYS_HEALTHY = (
+UNKNOWN_UINT16 = 65535
+"""MAVLink's value of an unknown uint16_t."""
+
+BOOT_UNIX_TIME = 1767225600.0
+"""Unix time [s] when every simulation boots: a choice, 2026 begins, whatever the wall clock."""
+
+ALWAYS_HEALTHY_SENSORS = (
     mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
     | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
     | mavlink.MAV_SYS_STATUS_SENSOR_GPS  # also without fix, as seen on ArduCopter
     | mavlink.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
     | mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
 )
-CHECKED: dict[int, Callable[[Flight], bool]] = {
+"""SYS_STATUS bits of what never fails here."""
+
+HEALTH_CHECKS: dict[int, Callable[[SimulatedFlight], bool]] = {
     mavlink.MAV_SYS_STATUS_AHRS: lambda flight: flight.booted,
     mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG: lambda flight: not flight.parameters['SIM_MAG1_FAIL'],
     mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE: lambda flight: (
@@ -31,24 +38,29 @@ CHECKED: dict[int, Callable[[Flight], bool]] = {
     mavlink.MAV_SYS_STATUS_SENSOR_PROPULSION: lambda flight: not flight.thrust_loss,
     mavlink.MAV_SYS_STATUS_PREARM_CHECK: lambda flight: flight.armed or not flight.arming_faults(),
 }
-EKF_ALWAYS = mavlink.EKF_ATTITUDE | mavlink.EKF_VELOCITY_VERT | mavlink.EKF_POS_VERT_ABS
-EKF_POSITION = (
+"""SYS_STATUS bits of what may fail, each with whether it is healthy."""
+
+EKF_BASE_FLAGS = mavlink.EKF_ATTITUDE | mavlink.EKF_VELOCITY_VERT | mavlink.EKF_POS_VERT_ABS
+"""EKF_STATUS_REPORT flags also without a position."""
+
+EKF_POSITION_FLAGS = (
     mavlink.EKF_VELOCITY_HORIZ
     | mavlink.EKF_POS_HORIZ_REL
     | mavlink.EKF_POS_HORIZ_ABS
     | mavlink.EKF_PRED_POS_HORIZ_REL
     | mavlink.EKF_PRED_POS_HORIZ_ABS
 )
+"""EKF_STATUS_REPORT flags of a position."""
 
 
-def heartbeat(flight: Flight) -> Any:
+def heartbeat(flight: SimulatedFlight) -> Any:
     """Mode, arming and state; the GUIDED bit says that the position is under control."""
     base = (
         mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
         | mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
     )
-    if flight.mode != Mode.STABILIZE and flight.position_ok:
+    if flight.mode != SimulatedMode.STABILIZE and flight.position_ok:
         base |= mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
     if flight.armed:
         base |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
@@ -65,13 +77,13 @@ def heartbeat(flight: Flight) -> Any:
     )
 
 
-def _sys_status(flight: Flight) -> Any:
-    present = ALWAYS_HEALTHY | sum(CHECKED)
-    health = ALWAYS_HEALTHY | sum(bit for bit, check in CHECKED.items() if check(flight))
+def _sys_status(flight: SimulatedFlight) -> Any:
+    present = ALWAYS_HEALTHY_SENSORS | sum(HEALTH_CHECKS)
+    healthy = sum(bit for bit, check in HEALTH_CHECKS.items() if check(flight))
     return mavlink.MAVLink_sys_status_message(
         present,
         present,
-        health,
+        ALWAYS_HEALTHY_SENSORS | healthy,
         150,
         _millivolts(flight),
         _centiamperes(flight),
@@ -85,14 +97,14 @@ def _sys_status(flight: Flight) -> Any:
     )
 
 
-def _battery_status(flight: Flight) -> Any:
+def _battery_status(flight: SimulatedFlight) -> Any:
     battery = flight.body.battery
     return mavlink.MAVLink_battery_status_message(
         0,
         mavlink.MAV_BATTERY_FUNCTION_UNKNOWN,
         mavlink.MAV_BATTERY_TYPE_UNKNOWN,
         32767,
-        [_millivolts(flight)] + [UNKNOWN_16] * 9,
+        [_millivolts(flight)] + [UNKNOWN_UINT16] * 9,
         _centiamperes(flight),
         round(battery.consumed * 1000.0),
         round(battery.energy / 100.0),
@@ -102,7 +114,7 @@ def _battery_status(flight: Flight) -> Any:
     )
 
 
-def _gps_raw(flight: Flight) -> Any:
+def _gps_raw(flight: SimulatedFlight) -> Any:
     fix = mavlink.GPS_FIX_TYPE_RTK_FIXED if flight.gps_fix else mavlink.GPS_FIX_TYPE_NO_FIX
     latitude, longitude = _place(flight) if flight.gps_fix else (0, 0)
     speed, course = cmath.polar(flight.body.velocity)
@@ -120,7 +132,7 @@ def _gps_raw(flight: Flight) -> Any:
     )
 
 
-def _global_position(flight: Flight) -> Any:
+def _global_position(flight: SimulatedFlight) -> Any:
     body = flight.body
     latitude, longitude = _place(flight) if flight.booted else (0, 0)
     return mavlink.MAVLink_global_position_int_message(
@@ -136,7 +148,7 @@ def _global_position(flight: Flight) -> Any:
     )
 
 
-def _local_position(flight: Flight) -> Any:
+def _local_position(flight: SimulatedFlight) -> Any:
     body = flight.body
     return mavlink.MAVLink_local_position_ned_message(
         _milliseconds(flight),
@@ -149,7 +161,7 @@ def _local_position(flight: Flight) -> Any:
     )
 
 
-def _attitude(flight: Flight) -> Any:
+def _attitude(flight: SimulatedFlight) -> Any:
     lean = flight.body.tilt * cmath.exp(-1j * flight.body.heading)
     yaw = math.remainder(flight.body.heading, math.tau)
     return mavlink.MAVLink_attitude_message(
@@ -157,9 +169,9 @@ def _attitude(flight: Flight) -> Any:
     )
 
 
-def _vfr_hud(flight: Flight) -> Any:
+def _vfr_hud(flight: SimulatedFlight) -> Any:
     body = flight.body
-    throttle = sum(pwm - OFF_PWM for pwm in body.motors) / (4.0 * MAX_SPAN) * 100.0
+    throttle = sum(pwm - STOPPED_PWM for pwm in body.motors) / (4.0 * MAX_SPAN) * 100.0
     return mavlink.MAVLink_vfr_hud_message(
         abs(body.velocity - flight.wind),
         abs(body.velocity),
@@ -170,14 +182,14 @@ def _vfr_hud(flight: Flight) -> Any:
     )
 
 
-def _servo_output(flight: Flight) -> Any:
+def _servo_output(flight: SimulatedFlight) -> Any:
     outputs = (round(pwm) for pwm in flight.body.motors)
     return mavlink.MAVLink_servo_output_raw_message(
         _microseconds(flight) % 2**32, 0, *outputs, 0, 0, 0, 0
     )
 
 
-def _extended_sys_state(flight: Flight) -> Any:
+def _extended_sys_state(flight: SimulatedFlight) -> Any:
     landed = mavlink.MAV_LANDED_STATE_IN_AIR
     if flight.body.on_ground:
         landed = mavlink.MAV_LANDED_STATE_ON_GROUND
@@ -188,15 +200,17 @@ def _extended_sys_state(flight: Flight) -> Any:
     return mavlink.MAVLink_extended_sys_state_message(mavlink.MAV_VTOL_STATE_UNDEFINED, landed)
 
 
-def _ekf_status(flight: Flight) -> Any:
-    flags = EKF_ALWAYS | (EKF_POSITION if flight.position_ok else mavlink.EKF_CONST_POS_MODE)
+def _ekf_status(flight: SimulatedFlight) -> Any:
+    flags = EKF_BASE_FLAGS | (
+        EKF_POSITION_FLAGS if flight.position_ok else mavlink.EKF_CONST_POS_MODE
+    )
     compass = 1.5 if flight.parameters['SIM_MAG1_FAIL'] else 0.05
     return mavlink.MAVLink_ekf_status_report_message(
         flags if flight.booted else mavlink.EKF_UNINITIALIZED, 0.05, 0.05, 0.05, compass, 0.0
     )
 
 
-def _home_position(flight: Flight) -> Any:
+def _home_position(flight: SimulatedFlight) -> Any:
     home = flight.home
     latitude, longitude = flight.origin.to_geodetic(home.position)
     return mavlink.MAVLink_home_position_message(
@@ -214,18 +228,18 @@ def _home_position(flight: Flight) -> Any:
     )
 
 
-def _wind(flight: Flight) -> Any:
+def _wind(flight: SimulatedFlight) -> Any:
     return mavlink.MAVLink_wind_message(
         math.remainder(flight.parameters['SIM_WIND_DIR'], 360.0), abs(flight.wind), 0.0
     )
 
 
-def _system_time(flight: Flight) -> Any:
+def _system_time(flight: SimulatedFlight) -> Any:
     unix = round((BOOT_UNIX_TIME + flight.time) * 1e6)
     return mavlink.MAVLink_system_time_message(unix, _milliseconds(flight))
 
 
-def _autopilot_version(_flight: Flight) -> Any:
+def _autopilot_version(_flight: SimulatedFlight) -> Any:
     capabilities = (
         mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
         | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
@@ -238,12 +252,12 @@ def _autopilot_version(_flight: Flight) -> Any:
     )
 
 
-def timesync(flight: Flight) -> Any:
+def timesync(flight: SimulatedFlight) -> Any:
     """Ask for the peer's time."""
     return mavlink.MAVLink_timesync_message(0, round(flight.time * 1e9))
 
 
-MESSAGES: dict[int, Callable[[Flight], Any]] = {
+MESSAGE_BUILDERS: dict[int, Callable[[SimulatedFlight], Any]] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: heartbeat,
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: _sys_status,
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: _system_time,
@@ -264,11 +278,11 @@ MESSAGES: dict[int, Callable[[Flight], Any]] = {
 """Builder by message id; what is not here is refused."""
 
 
-def _milliseconds(flight: Flight) -> int:
+def _milliseconds(flight: SimulatedFlight) -> int:
     return round(flight.time * 1e3)
 
 
-def _microseconds(flight: Flight) -> int:
+def _microseconds(flight: SimulatedFlight) -> int:
     return round(flight.time * 1e6)
 
 
@@ -276,22 +290,22 @@ def _centidegrees(angle: float) -> int:
     return round(math.degrees(angle) * 100.0) % 36000
 
 
-def _millivolts(flight: Flight) -> int:
+def _millivolts(flight: SimulatedFlight) -> int:
     return round(flight.body.battery.voltage * 1000.0)
 
 
-def _centiamperes(flight: Flight) -> int:
+def _centiamperes(flight: SimulatedFlight) -> int:
     return min(round(flight.body.battery.current * 100.0), 32767)
 
 
-def _percent(flight: Flight) -> int:
+def _percent(flight: SimulatedFlight) -> int:
     return math.floor(flight.body.battery.charge * 100.0 + 1e-6)
 
 
-def _place(flight: Flight) -> tuple[int, int]:
+def _place(flight: SimulatedFlight) -> tuple[int, int]:
     latitude, longitude = flight.origin.to_geodetic(flight.body.position)
     return round(latitude * 1e7), round(longitude * 1e7)
 
 
-def _altitude(flight: Flight) -> int:
+def _altitude(flight: SimulatedFlight) -> int:
     return round((flight.origin.altitude + flight.body.altitude) * 1000.0)

@@ -11,32 +11,63 @@ import math
 import random
 from dataclasses import dataclass
 
-from uav_mission_manager.autopilot.simulator.battery import Battery
+from uav_mission_manager.autopilot.simulator.battery import SimulatedBattery
 
 GRAVITY = 9.80665
-WGS84_A, WGS84_E2 = 6378137.0, 6.69437999014e-3
+"""Standard gravity [m/s2]."""
 
-ACCELERATION = 2.5  # [m/s2] horizontal limit
-CLIMB_ACCELERATION = 1.0  # [m/s2] vertical limit
-MAX_AIRSPEED = 18.0  # [m/s]
-DRAG = 0.25  # [1/s] acceleration by airspeed
-FALL_DRAG = 0.02  # [1/m]
-YAW_RATE = math.radians(90.0)
+WGS84_SEMI_MAJOR_AXIS = 6378137.0
+"""Equatorial radius of the WGS84 ellipsoid [m]."""
 
-OFF_PWM, IDLE_PWM, HOVER_PWM, MAX_PWM = 1000.0, 1100.0, 1589.0, 1950.0
-HOVER_SPAN, MAX_SPAN = HOVER_PWM - OFF_PWM, MAX_PWM - OFF_PWM
-PWM_NOISE = 2.0  # [us] standard deviation
-REAR = (-1.0, 1.0, -1.0, 1.0)  # motors of a quad X: front right, rear left, front left, rear right
-ASYMMETRY = 0.0015  # [1/(m/s)] the rear motors work harder in forward flight
-FLIGHT_LOAD = 3e-4  # [1/(m/s)2] extra thrust by airspeed squared
-TIPPING = 4.0  # a weak corner also tips the vehicle: it falls faster than thrust alone says
+WGS84_E2 = 6.69437999014e-3
+"""First eccentricity of the WGS84 ellipsoid, squared."""
 
-HOVER_POWER, IDLE_POWER, AVIONICS_POWER = 200.0, 15.0, 5.0  # [W]
-DRAG_POWER = 0.03  # [W/(m/s)3]
+MAX_ACCELERATION, MAX_CLIMB_ACCELERATION = 2.5, 1.0
+"""Largest change of the horizontal and of the vertical velocity [m/s2]. ArduCopter's defaults
+(WPNAV_ACCEL, WPNAV_ACCEL_Z)."""
+
+MAX_AIRSPEED = 18.0
+"""Airspeed that the vehicle can hold [m/s]: a choice, for a small quadrotor."""
+
+DRAG = 0.25
+"""Deceleration in level flight over airspeed [1/s]: a choice."""
+
+FALL_DRAG = 0.02
+"""Deceleration in a fall over the sink rate squared [1/m]: a choice, some 22 m/s at the end."""
+
+MAX_YAW_RATE = math.radians(90.0)
+"""Fastest turn towards the course [rad/s]: a choice."""
+
+STOPPED_PWM, MIN_SPINNING_PWM, HOVER_PWM, MAX_PWM = 1000.0, 1100.0, 1589.0, 1950.0
+"""Outputs [us] of a motor at rest, idling, in hover and at its limit. Measured on ArduCopter."""
+
+HOVER_SPAN, MAX_SPAN = HOVER_PWM - STOPPED_PWM, MAX_PWM - STOPPED_PWM
+"""What hovering and the limit are above a motor at rest [us]; thrust is proportional to it."""
+
+PWM_NOISE = 2.0
+"""Standard deviation of the outputs [us]: a choice."""
+
+REAR_MOTORS = (-1.0, 1.0, -1.0, 1.0)
+"""1 for rear motors of a quad X: front right, rear left, front left, rear right."""
+
+REAR_MOTOR_LOAD = 0.0015
+"""How much harder rear motors work, front ones less, over airspeed [1/(m/s)]: a choice."""
+
+AIRSPEED_LOAD = 3e-4
+"""Extra thrust over airspeed squared [1/(m/s)2]: a choice."""
+
+TIPPING_FACTOR = 4.0
+"""How much faster than thrust alone says a vehicle falls that its weak corner tips: a choice."""
+
+HOVER_POWER, IDLE_POWER, AVIONICS_POWER = 200.0, 15.0, 5.0
+"""Power in hover, of idling motors, and of what is always on [W]: choices."""
+
+DRAG_POWER = 0.03
+"""Extra power over airspeed cubed [W/(m/s)3]: a choice."""
 
 
 @dataclass(frozen=True)
-class Origin:
+class SimulatedOrigin:
     """Geodetic origin of the local frame: degrees, metres above sea level."""
 
     latitude: float
@@ -47,7 +78,7 @@ class Origin:
         """North and east, from the WGS84 radii of curvature."""
         latitude = math.radians(self.latitude)
         w2 = 1.0 - WGS84_E2 * math.sin(latitude) ** 2
-        prime_vertical = WGS84_A / math.sqrt(w2)
+        prime_vertical = WGS84_SEMI_MAJOR_AXIS / math.sqrt(w2)
         return prime_vertical * (1.0 - WGS84_E2) / w2, prime_vertical * math.cos(latitude)
 
     def to_geodetic(self, position: complex) -> tuple[float, float]:
@@ -98,23 +129,23 @@ class Multirotor:
         self.on_ground = True
         self.impact = 0.0  # [m/s] of the last touch-down
         self.thrust_short = False  # the motors cannot carry the weight
-        self.motors: tuple[float, ...] = (OFF_PWM,) * 4
-        self.battery = Battery()
+        self.motors: tuple[float, ...] = (STOPPED_PWM,) * 4
+        self.battery = SimulatedBattery()
         self._random = random.Random(seed)
 
     def step(self, dt: float, demand: Demand | None, conditions: Conditions, armed: bool) -> None:
         """Move on by `dt` seconds; without a demand the motors stand still or idle."""
         airspeed = abs(self.velocity - conditions.wind)
-        load = 1.0 + FLIGHT_LOAD * airspeed**2
+        load = 1.0 + AIRSPEED_LOAD * airspeed**2
         acceleration = self._move_vertically(dt, demand, load, conditions)
         self._move_horizontally(dt, demand, conditions.wind)
         if demand is None:
-            self.motors = (IDLE_PWM if armed else OFF_PWM,) * 4
+            self.motors = (MIN_SPINNING_PWM if armed else STOPPED_PWM,) * 4
             power = IDLE_POWER if armed else 0.0
         else:
             thrust = load * (1.0 + acceleration / GRAVITY)
             self._turn_motors(thrust, airspeed, conditions.effectiveness)
-            effort = sum(pwm - OFF_PWM for pwm in self.motors) / (4.0 * HOVER_SPAN)
+            effort = sum(pwm - STOPPED_PWM for pwm in self.motors) / (4.0 * HOVER_SPAN)
             power = HOVER_POWER * effort**1.5 + DRAG_POWER * airspeed**3
         self.battery.drain(
             power + AVIONICS_POWER, dt, conditions.capacity, conditions.forced_voltage
@@ -127,9 +158,9 @@ class Multirotor:
         limit = wanted = -GRAVITY
         if demand is not None:
             reserve = self._lift(conditions) / load - 1.0
-            limit = max(-GRAVITY, GRAVITY * reserve * (TIPPING if reserve < 0 else 1.0))
+            limit = max(-GRAVITY, GRAVITY * reserve * (TIPPING_FACTOR if reserve < 0 else 1.0))
             change = (demand.climb - self.climb) / dt
-            wanted = min(max(change, -CLIMB_ACCELERATION), CLIMB_ACCELERATION)
+            wanted = min(max(change, -MAX_CLIMB_ACCELERATION), MAX_CLIMB_ACCELERATION)
         self.thrust_short = demand is not None and limit < 0.0
         acceleration = min(wanted, limit)
         if self.on_ground and acceleration <= 0.0:
@@ -158,7 +189,7 @@ class Multirotor:
             self.velocity += (wind - self.velocity) * DRAG * dt
         else:
             goal = wind + shorten(demand.velocity - wind, MAX_AIRSPEED)
-            self.velocity += shorten(goal - self.velocity, ACCELERATION * dt)
+            self.velocity += shorten(goal - self.velocity, MAX_ACCELERATION * dt)
             self._turn_towards(demand.velocity, dt)
         self.position += self.velocity * dt
         push = 0j if self.on_ground else DRAG * (self.velocity - wind)
@@ -169,7 +200,7 @@ class Multirotor:
         if abs(velocity) < 1.0:
             return
         error = cmath.phase(velocity * cmath.exp(-1j * self.heading))
-        turn = min(max(error, -YAW_RATE * dt), YAW_RATE * dt)
+        turn = min(max(error, -MAX_YAW_RATE * dt), MAX_YAW_RATE * dt)
         self.heading = (self.heading + turn) % math.tau
 
     def _turn_motors(
@@ -177,13 +208,11 @@ class Multirotor:
     ) -> None:
         """Set the outputs [us] that give `thrust` (1: the weight) with weakened motors."""
         spans = (
-            HOVER_SPAN * thrust * (1.0 + side * ASYMMETRY * airspeed) / max(share, 1e-3)
-            for side, share in zip(REAR, effectiveness, strict=True)
+            HOVER_SPAN * thrust * (1.0 + side * REAR_MOTOR_LOAD * airspeed) / max(share, 1e-3)
+            for side, share in zip(REAR_MOTORS, effectiveness, strict=True)
         )
-        self.motors = tuple(
-            min(max(OFF_PWM + span + self._random.gauss(0.0, PWM_NOISE), IDLE_PWM), MAX_PWM)
-            for span in spans
-        )
+        noisy = (STOPPED_PWM + span + self._random.gauss(0.0, PWM_NOISE) for span in spans)
+        self.motors = tuple(min(max(pwm, MIN_SPINNING_PWM), MAX_PWM) for pwm in noisy)
 
 
 def shorten(vector: complex, length: float) -> complex:

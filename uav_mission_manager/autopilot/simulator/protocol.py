@@ -9,19 +9,28 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from uav_mission_manager.autopilot.simulator import commands
-from uav_mission_manager.autopilot.simulator.flight import Flight
-from uav_mission_manager.autopilot.simulator.link import AUTOPILOT, Link
-from uav_mission_manager.autopilot.simulator.messages import MESSAGES
-from uav_mission_manager.autopilot.simulator.parameters import TABLE
+from uav_mission_manager.autopilot.simulator.flight import SimulatedFlight
+from uav_mission_manager.autopilot.simulator.link import SimulatedLink
+from uav_mission_manager.autopilot.simulator.messages import MESSAGE_BUILDERS
+from uav_mission_manager.autopilot.simulator.parameters import SIMULATED_PARAMETERS
 
-NO_INDEX = 65535
-IGNORE_POSITION = 0b111  # of a set-point's type_mask
+NO_PARAMETER_INDEX = 65535
+"""PARAM_VALUE.param_index of a value sent because it was set, as on ArduPilot."""
+
+IGNORE_POSITION = (
+    mavlink.POSITION_TARGET_TYPEMASK_X_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_Y_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_Z_IGNORE
+)
+"""Bits of a set-point's type_mask, any of which leaves it without a whole position."""
 
 
 class Autopilot:
-    """A `Flight` behind MAVLink links; `receive` and `step` are all that moves it."""
+    """A `SimulatedFlight` behind MAVLink links; `receive` and `step` are all that moves it."""
 
-    def __init__(self, flight: Flight, links: Sequence[Link], system: int = 1) -> None:
+    def __init__(
+        self, flight: SimulatedFlight, links: Sequence[SimulatedLink], system: int = 1
+    ) -> None:
         self.flight = flight
         self._links = links
         self._system = system
@@ -33,13 +42,13 @@ class Autopilot:
         self._send_texts()
         for link in self._links:
             for message in link.due(self.flight.time):
-                link.send(MESSAGES[message](self.flight))
+                link.send(MESSAGE_BUILDERS[message](self.flight))
         if self.flight.time >= self._camera_due - 1e-9:
             self._camera_due += 1.0
             if not self.flight.parameters['SIM_CAM_FAIL']:
                 self._send_camera_heartbeat()
 
-    def receive(self, link: Link, data: bytes) -> None:
+    def receive(self, link: SimulatedLink, data: bytes) -> None:
         """Act on what arrived on a link; what is not for this system is left alone."""
         for message in link.parse(data):
             handler = _HANDLERS.get(message.get_type())
@@ -50,7 +59,7 @@ class Autopilot:
     def _is_for_us(self, message: Any) -> bool:
         system = getattr(message, 'target_system', 0)
         component = getattr(message, 'target_component', 0)
-        return system in (0, self._system) and component in (0, AUTOPILOT)
+        return system in (0, self._system) and component in (0, mavlink.MAV_COMP_ID_AUTOPILOT1)
 
     def _send_texts(self) -> None:
         for severity, text in self.flight.texts:
@@ -71,11 +80,13 @@ class Autopilot:
                 )
             )
 
-    def _command(self, link: Link, message: Any) -> None:
-        result = commands.run(self.flight, link, message.command, commands.Command.of(message))
+    def _command(self, link: SimulatedLink, message: Any) -> None:
+        result = commands.execute(
+            self.flight, link, message.command, commands.ReceivedCommand.of(message)
+        )
         self._acknowledge(link, message, message.command, result)
 
-    def _set_mode(self, link: Link, message: Any) -> None:
+    def _set_mode(self, link: SimulatedLink, message: Any) -> None:
         """SET_MODE is acknowledged like a command of its message id."""
         custom = message.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         result = commands.DENIED
@@ -84,14 +95,14 @@ class Autopilot:
             result = commands.ACCEPTED if done else commands.FAILED
         self._acknowledge(link, message, mavlink.MAVLINK_MSG_ID_SET_MODE, result)
 
-    def _acknowledge(self, link: Link, message: Any, command: int, result: int) -> None:
+    def _acknowledge(self, link: SimulatedLink, message: Any, command: int, result: int) -> None:
         link.send(
             mavlink.MAVLink_command_ack_message(
                 command, result, 0, 0, message.get_srcSystem(), message.get_srcComponent()
             )
         )
 
-    def _position_target(self, _link: Link, message: Any) -> None:
+    def _position_target(self, _link: SimulatedLink, message: Any) -> None:
         """Fly to the target; there is no answer, whatever becomes of it."""
         target = commands.place(
             self.flight,
@@ -103,11 +114,11 @@ class Autopilot:
         if target is not None and not message.type_mask & IGNORE_POSITION:
             self.flight.go_to(*target)
 
-    def _timesync(self, link: Link, message: Any) -> None:
+    def _timesync(self, link: SimulatedLink, message: Any) -> None:
         if message.tc1 == 0:
             link.send(mavlink.MAVLink_timesync_message(round(self.flight.time * 1e9), message.ts1))
 
-    def _read_parameter(self, link: Link, message: Any) -> None:
+    def _read_parameter(self, link: SimulatedLink, message: Any) -> None:
         names = list(self.flight.parameters)
         name = message.param_id
         if 0 <= message.param_index < len(names):
@@ -115,11 +126,11 @@ class Autopilot:
         if name in self.flight.parameters:
             self._send_parameter(link, name, names.index(name))
 
-    def _list_parameters(self, link: Link, _message: Any) -> None:
+    def _list_parameters(self, link: SimulatedLink, _message: Any) -> None:
         for index, name in enumerate(self.flight.parameters):
             self._send_parameter(link, name, index)
 
-    def _set_parameter(self, _link: Link, message: Any) -> None:
+    def _set_parameter(self, _link: SimulatedLink, message: Any) -> None:
         """All links hear the value taken; an unknown name or no number is ignored."""
         name, parameters = message.param_id, self.flight.parameters
         if name not in parameters or not math.isfinite(message.param_value):
@@ -128,20 +139,24 @@ class Autopilot:
         if name == 'SIM_BATT_PCT':
             self.flight.set_charge(parameters[name])
         for link in self._links:
-            self._send_parameter(link, name, NO_INDEX)
+            self._send_parameter(link, name, NO_PARAMETER_INDEX)
 
-    def _send_parameter(self, link: Link, name: str, index: int) -> None:
+    def _send_parameter(self, link: SimulatedLink, name: str, index: int) -> None:
         value = self.flight.parameters[name]
         if name == 'SIM_BATT_PCT':
             value = self.flight.body.battery.charge * 100.0
         link.send(
             mavlink.MAVLink_param_value_message(
-                name.encode(), value, TABLE[name].type, len(TABLE), index
+                name.encode(),
+                value,
+                SIMULATED_PARAMETERS[name].type,
+                len(SIMULATED_PARAMETERS),
+                index,
             )
         )
 
 
-_HANDLERS: dict[str, Callable[[Autopilot, Link, Any], None]] = {
+_HANDLERS: dict[str, Callable[[Autopilot, SimulatedLink, Any], None]] = {
     'COMMAND_LONG': Autopilot._command,
     'COMMAND_INT': Autopilot._command,
     'SET_MODE': Autopilot._set_mode,

@@ -25,14 +25,14 @@ INJECTION_PERIOD = 0.5
 
 
 @dataclass
-class Threat:
+class ThreatArea:
     """A threat in one cell, or everywhere with `cell` None."""
 
     level: str = 'none'
     cell: int | None = None
 
 
-class Flight(Node):
+class DemoFlight(Node):
     """Watches one mission, and plays the base station's operator, the enemy and the ground crew.
 
     Attributes
@@ -56,7 +56,7 @@ class Flight(Node):
         self.phase = ''
         self.asked: set[str] = set()
         self.completed: list[str] = []
-        self.threat = Threat()
+        self.threat = ThreatArea()
         self._crew = mavutil.mavlink_connection(crew_connection, source_system=255)
         self._injections: dict[str, float] = {}
         self._next_injection = 0.0
@@ -102,7 +102,7 @@ class Flight(Node):
 
     def meet(self, level: str, cell: int | None = None) -> None:
         """As the enemy, set the threat level in one cell, or everywhere."""
-        self.threat = Threat(level, cell)
+        self.threat = ThreatArea(level, cell)
         where = '' if cell is None else f' in cell {cell}'
         self.view.event(f'threat: {level}{where}')
 

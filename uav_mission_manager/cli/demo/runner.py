@@ -17,7 +17,7 @@ import rclpy
 import yaml
 from rclpy.executors import SingleThreadedExecutor
 
-from uav_mission_manager.cli.demo.flight import Flight
+from uav_mission_manager.cli.demo.flight import DemoFlight
 from uav_mission_manager.cli.demo.scenarios import Wait, case_one, three_goals
 from uav_mission_manager.cli.demo.stack import Stack
 from uav_mission_manager.cli.demo.view import View
@@ -36,7 +36,7 @@ BLIND_LIMIT = 10.0
 
 
 @dataclass(frozen=True)
-class Outcome:
+class FlightResult:
     """How one mission ended; `failure` is empty where all went well."""
 
     title: str
@@ -89,11 +89,11 @@ def main(args: list[str] | None = None) -> int:
 
 def _fly(
     title: str,
-    script: Callable[[Flight], Iterator[Wait]],
+    script: Callable[[DemoFlight], Iterator[Wait]],
     mission: Mission,
     logs: Path,
     speedup: float,
-) -> Outcome:
+) -> FlightResult:
     """Build the policy, start the processes and fly one mission."""
     start = time.monotonic()
     logs.mkdir(parents=True, exist_ok=True)
@@ -105,7 +105,7 @@ def _fly(
     executor = SingleThreadedExecutor()
     try:
         with View(title) as view:
-            flight = Flight(mission, stack.crew_connection, view)
+            flight = DemoFlight(mission, stack.crew_connection, view)
             executor.add_node(flight)
             stack.start(_origin(mission))
             view.event('pids ' + ', '.join(f'{n} {p.pid}' for n, p in stack.processes.items()))
@@ -113,7 +113,7 @@ def _fly(
             achieved = len(flight.asked & set(flight.completed))
             seconds = time.monotonic() - start
             flight.close()
-        return Outcome(title, failure, len(flight.asked), achieved, flight.home, seconds)
+        return FlightResult(title, failure, len(flight.asked), achieved, flight.home, seconds)
     finally:
         stack.stop()
         executor.shutdown()
@@ -121,7 +121,7 @@ def _fly(
 
 
 def _play(
-    script: Iterator[Wait], flight: Flight, stack: Stack, executor: SingleThreadedExecutor
+    script: Iterator[Wait], flight: DemoFlight, stack: Stack, executor: SingleThreadedExecutor
 ) -> str:
     """Play a script to its end; return what went wrong, if anything."""
     for what, reached in script:
@@ -138,7 +138,7 @@ def _play(
     return ''
 
 
-def _watch(flight: Flight, stack: Stack, executor: SingleThreadedExecutor) -> None:
+def _watch(flight: DemoFlight, stack: Stack, executor: SingleThreadedExecutor) -> None:
     """Watch the rest of the chain bring the vehicle home, as far as it can."""
     seen = not {'sim_autopilot', 'mavlink_bridge'} & stack.ended().keys()
     limit = time.monotonic() + (WATCH_LIMIT if seen else BLIND_LIMIT)
@@ -157,7 +157,7 @@ def _origin(mission: Mission) -> str:
     return f'{latitude:.9f},{longitude:.9f},{origin.altitude}'
 
 
-def _summarise(outcomes: list[Outcome], logs: Path) -> None:
+def _summarise(outcomes: list[FlightResult], logs: Path) -> None:
     print()
     for outcome in outcomes:
         verdict = 'done' if outcome.good else f'FAILED: {outcome.failure or "goals left undone"}'

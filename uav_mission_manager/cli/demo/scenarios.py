@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from uav_mission_manager.cli.demo.flight import Flight
+from uav_mission_manager.cli.demo.flight import DemoFlight
 
 Wait = tuple[str, Callable[[], bool]]
 """What is waited for, in words and as a test."""
@@ -16,7 +16,7 @@ LOW_CHARGE = 21.0
 """Charge [%] for 119 m: most goals are out of range, the service cell is not."""
 
 
-def case_one(flight: Flight) -> Iterator[Wait]:
+def case_one(flight: DemoFlight) -> Iterator[Wait]:
     """The paper's Case I: a goal is raised, reached, completed; a threat on the way home."""
     (goal,) = flight.mission.goals
     yield 'the vehicle ready at the base', lambda: flight.command == 'none normal' and flight.home
@@ -32,7 +32,7 @@ def case_one(flight: Flight) -> Iterator[Wait]:
     yield 'the vehicle home and disarmed', lambda: flight.home
 
 
-def three_goals(flight: Flight) -> Iterator[Wait]:
+def three_goals(flight: DemoFlight) -> Iterator[Wait]:
     """Priorities change, a threat appears, a motor weakens, the battery runs low."""
     first, second, third = (goal.name for goal in flight.mission.goals)
     threatened = flight.mission.goals[1].cell

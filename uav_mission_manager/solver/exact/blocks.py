@@ -23,7 +23,7 @@ import numpy as np
 
 from uav_mission_manager.mdp.arrays import IndexArray, RealArray
 from uav_mission_manager.mdp.dynamics import ON_GROUND, Regime
-from uav_mission_manager.solver.axes import drift, mix, run
+from uav_mission_manager.solver.axes import drift, mix, run_steps
 from uav_mission_manager.solver.exact.axis_model import AxisModel, Choice
 from uav_mission_manager.solver.exact.value_iteration import Solution
 from uav_mission_manager.solver.progress import Progress, Report, ignore, share_of_decades
@@ -182,7 +182,7 @@ class _Block:
         for flight, loss in zip(flights, model.loss):
             for digit in range(model.sub.n):
                 flags = flight.reshape(-1, 2, 2**digit)
-                run(drift(flags[:, 1], flags[:, 0], loss, np.empty_like(flags[:, 1])))
+                run_steps(drift(flags[:, 1], flags[:, 0], loss, np.empty_like(flags[:, 1])))
         tables = dict(zip((Regime.NORMAL_FLIGHT, Regime.AGILE_FLIGHT), flights))
         if completed is None and cell in (grid.base, grid.service):
             tables.update(self._ground(cell))
@@ -196,7 +196,7 @@ class _Block:
         here = self._exogenous(cell, self.modes, None)
         nominal = self._exogenous(cell, np.zeros(1, np.intp), None)
         repaired = here.copy()
-        run(drift(repaired, nominal, self.model.repair, np.empty_like(here)))
+        run_steps(drift(repaired, nominal, self.model.repair, np.empty_like(here)))
         recharged = np.repeat(here[:, :, -1:], here.shape[2], axis=2)
         return dict(zip(ON_GROUND, (here, recharged, repaired)))
 
@@ -216,7 +216,7 @@ class _Block:
         values = expected.reshape(axes).copy()
         towards = done.reshape(values.shape[0], 1, *values.shape[2:])
         probability = self.model.completion[self.modes, None]
-        run(drift(values, towards, probability, np.empty_like(values)))
+        run_steps(drift(values, towards, probability, np.empty_like(values)))
         return values
 
     def _columns(self, modes: IndexArray) -> IndexArray:
@@ -231,7 +231,7 @@ class _Block:
 def _expect(source: RealArray, matrices: RealArray) -> RealArray:
     """Expectation along axis 1, as `mix`."""
     out = np.empty((len(source), matrices.shape[1], *source.shape[2:]))
-    run(mix(source, matrices, out, np.empty_like(out)))
+    run_steps(mix(source, matrices, out, np.empty_like(out)))
     return out
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from uav_mission_manager.mdp.arrays import RealArray
 from uav_mission_manager.mdp.dynamics import ON_GROUND
-from uav_mission_manager.solver.axes import Step, drift, mix
+from uav_mission_manager.solver.axes import ArrayStep, drift, mix
 from uav_mission_manager.solver.exact.axis_model import AxisModel, hull
 
 
@@ -51,7 +51,7 @@ class ExogenousExpectation:
 
     def steps(
         self, values: RealArray, expected: ExogenousTables, cell: int, column: int
-    ) -> list[Step]:
+    ) -> list[ArrayStep]:
         """Steps that fill `expected` for some cells and columns, from the given ones on."""
         model, n, count = self.model, self.model.sub.n, min(self.cells, self.model.q - cell)
         cells, columns = slice(cell, cell + count), slice(column, column + self.columns)
@@ -112,11 +112,11 @@ class ArrivalExpectation:
         """Whether a goal's priority varies within a block of rows."""
         return 3 * self.after[slot] <= self.rows
 
-    def steps(self, expected: ExogenousTables, first: int) -> list[Step]:
+    def steps(self, expected: ExogenousTables, first: int) -> list[ArrayStep]:
         """Steps that fill `table` for the rows from `first` on."""
         q, span = self.model.q, slice(first, first + self.rows)
         source, price = expected.open[:, span], self.price[:, :, span]
-        steps: list[Step] = [(np.copyto, (self.open[0], source.transpose(2, 0, 1)))]
+        steps: list[ArrayStep] = [(np.copyto, (self.open[0], source.transpose(2, 0, 1)))]
         for slot, part in enumerate(self.completed):
             start = self._row_without(slot, first)
             done = expected.completed[slot][start : start + part.shape[2]]
@@ -146,13 +146,13 @@ class ArrivalExpectation:
         before, after = divmod(row, 3 * self.after[slot])
         return before * self.after[slot] + after % self.after[slot]
 
-    def _flight(self) -> list[Step]:
+    def _flight(self) -> list[ArrayStep]:
         """Expectation over each bit of f' (camera, actuator, sensor) and each r_j' in flight."""
         model = self.model
         room = np.empty(self.flight.size // 2, model.dtype)
         digits = [(p, 0) for p in model.failures] + [(model.loss, 1)] * model.sub.n
-        alike: list[Step] = []
-        different: list[Step] = []
+        alike: list[ArrayStep] = []
+        different: list[ArrayStep] = []
         for digit, (probability, leaves) in enumerate(digits):
             same = probability[0] == probability[1]  # Taken once for both modes.
             flight = self.flight[:1] if same else self.flight
@@ -163,7 +163,7 @@ class ArrivalExpectation:
             (alike if same else different).extend(drift(values, towards, weights, scratch))
         return [*alike, (np.copyto, (self.flight[1], self.flight[0])), *different]
 
-    def _ground(self, source: RealArray, price: RealArray) -> list[Step]:
+    def _ground(self, source: RealArray, price: RealArray) -> list[ArrayStep]:
         """Arrivals on the ground, in the order of `ON_GROUND`."""
         model, grid = self.model, self.model.sub.mission.grid
         first = 2 * model.q
@@ -182,7 +182,7 @@ class ArrivalExpectation:
         first = 2 * self.model.q + len(ON_GROUND) + 2 * slot
         return self.table[first : first + 2]
 
-    def _completion(self, slot: int) -> list[Step]:
+    def _completion(self, slot: int) -> list[ArrayStep]:
         """Mix with the completed part by completion(f), in the fault modes where it is not 0."""
         model, part = self.model, self.completed[slot].transpose(0, 2, 1)
         levels, after = (3, self.after[slot]) if self.varies(slot) else (1, part.shape[1])

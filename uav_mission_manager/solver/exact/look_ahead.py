@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from uav_mission_manager.mdp.arrays import FloatArray, IntArray, RealArray
 from uav_mission_manager.mdp.dynamics import ON_GROUND
-from uav_mission_manager.solver.axes import run
+from uav_mission_manager.solver.axes import run_steps
 from uav_mission_manager.solver.exact.axis_model import AxisModel
 from uav_mission_manager.solver.exact.expectations import (
     ArrivalExpectation,
@@ -70,8 +70,8 @@ class LookAhead:
         model = self.model
         expected, arrivals = ExogenousTables.empty(model), ArrivalExpectation(model, model.rows)
         exogenous = ExogenousExpectation(model, model.q, model.columns)
-        run(exogenous.steps(self.values, expected, 0, 0))
-        run(arrivals.steps(expected, 0))
+        run_steps(exogenous.steps(self.values, expected, 0, 0))
+        run_steps(arrivals.steps(expected, 0))
         return arrivals.table
 
     def _expected(self, cell: int, row: int, column: int) -> FloatArray:

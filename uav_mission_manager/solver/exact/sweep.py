@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uav_mission_manager.mdp.arrays import RealArray
-from uav_mission_manager.solver.axes import Step, gather, run
+from uav_mission_manager.solver.axes import ArrayStep, gather, run_steps
 from uav_mission_manager.solver.exact.axis_model import AxisModel, Choice
 from uav_mission_manager.solver.exact.expectations import (
     ArrivalExpectation,
@@ -57,7 +57,7 @@ class _Candidate:
     """
 
     number: int
-    look_up: Step
+    look_up: ArrayStep
     box: Callable[[NDArray[Any]], NDArray[Any]]
     q: RealArray
     costs: Sequence[RealArray | None]
@@ -74,7 +74,7 @@ class RowBackup:
         self.least = np.empty_like(self.q)
         self.candidates = [self._candidate(choice) for choice in model.choices]
 
-    def steps(self, values: RealArray, expected: ExogenousTables, first: int) -> list[Step]:
+    def steps(self, values: RealArray, expected: ExogenousTables, first: int) -> list[ArrayStep]:
         """Steps that back up W in these rows and leave the change in `q`."""
         old = values[:, first : first + self.rows]
         return [
@@ -91,19 +91,19 @@ class RowBackup:
 
     def greedy(self, numbers: ActionTable, expected: ExogenousTables, first: int) -> None:
         """Write the numbers of the actions of least Q; of those that tie the lowest."""
-        run(self._minimise(expected, first))
+        run_steps(self._minimise(expected, first))
         tie = max(TIE, 8 * float(np.finfo(self.q.dtype).eps))
         limit = self.least + tie * np.abs(self.least + self._base_cost(first))
         chosen = np.zeros(self.least.shape, np.uint8)
         for candidate, steps in self._each(self.candidates[::-1], first):
-            run(steps)
+            run_steps(steps)
             best = candidate.q <= candidate.box(limit)
             np.copyto(candidate.box(chosen), candidate.number, where=best)
         numbers[:, first : first + self.rows] = chosen
 
     def _minimise(
         self, expected: ExogenousTables, first: int, policy: ActionTable | None = None
-    ) -> list[Step]:
+    ) -> list[ArrayStep]:
         """Steps to the least Q less b, or to that of the policy, inf where it is not allowed."""
         steps = self.expectation.steps(expected, first)
         steps.append((self.least.fill, (np.inf,)))
@@ -119,7 +119,7 @@ class RowBackup:
 
     def _each(
         self, candidates: Sequence[_Candidate], first: int
-    ) -> Iterator[tuple[_Candidate, list[Step]]]:
+    ) -> Iterator[tuple[_Candidate, list[ArrayStep]]]:
         """Candidates allowed in the block, and the steps to their Q less b."""
         for candidate in candidates:
             cost = candidate.costs[first // candidate.after % len(candidate.costs)]
@@ -192,7 +192,7 @@ class Sweeper:
             for column in range(0, columns, block_columns)
         ]
         self.row_blocks = range(0, rows, block_rows)
-        self.whole: list[Step] | None = None
+        self.whole: list[ArrayStep] | None = None
 
     def backup(self) -> tuple[float, float]:
         """Replace W by its Bellman backup; return the least and the largest change."""
@@ -200,7 +200,7 @@ class Sweeper:
             if self.whole is None:
                 self.whole = self.exogenous[0].steps(self.values, self.expected, 0, 0)
                 self.whole += self.row_backups[0].steps(self.values, self.expected, 0)
-            run(self.whole)
+            run_steps(self.whole)
             return self.row_backups[0].change()
         self.expect()
         lows, highs = zip(*share(self._back_up, self.row_blocks, self.threads))
@@ -221,13 +221,13 @@ class Sweeper:
         """Take the expectation of W over t' and g', the first half of a backup."""
 
         def fill(worker: int, block: tuple[int, int]) -> None:
-            run(self.exogenous[worker].steps(self.values, self.expected, *block))
+            run_steps(self.exogenous[worker].steps(self.values, self.expected, *block))
 
         share(fill, self.blocks, self.threads)
 
     def _back_up(self, worker: int, first: int) -> tuple[float, float]:
         row_backup = self.row_backups[worker]
-        run(row_backup.steps(self.values, self.expected, first))
+        run_steps(row_backup.steps(self.values, self.expected, first))
         return row_backup.change()
 
 
