@@ -160,9 +160,9 @@ def test_launch_file_starts_only_commands(path):
 
 @pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda path: path.name)
 def test_launch_file_sets_only_declared_parameters(path):
-    for node, parameters in launched_nodes(module).items():
+    for node, parameters in launched_nodes(path).items():
         module = ROOT / PACKAGE / 'nodes' / f'{node}.py'
-        assert parameters <= first_arguments(path, 'NodeParameter')
+        assert parameters <= first_arguments(module, 'NodeParameter')
 
 
 @pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda path: path.name)
