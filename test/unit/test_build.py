@@ -78,3 +78,13 @@ def test_the_exact_solution_block_by_block_is_the_same(mission):
     assert max(part.states for part in blocks.plan.parts) <= 50_000
     states = whole.space.states()
     assert abs(blocks.part_values(states) - whole.part_values(states)).max() <= 3e-7
+
+
+def test_the_default_makes_the_same_bytes_twice(tmp_path):
+    document = case_study()
+    document['goals'].append(document['goals'][0] | {'name': 'goal4', 'cell': 7})
+    for name in 'ab':
+        build_policy(mission_from_dict(document, 'test')).save(tmp_path / name)
+    files = [sorted((tmp_path / name).iterdir()) for name in 'ab']
+    assert [file.name for file in files[0]] == [file.name for file in files[1]]
+    assert [file.read_bytes() for file in files[0]] == [file.read_bytes() for file in files[1]]
