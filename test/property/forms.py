@@ -123,11 +123,11 @@ def by_tables(mission, w, states):
 def by_successors(mission, w, states):
     """From the exact solution's sums over successors, made where tables would be too large."""
     model = AxisModel(whole_mission(mission))
-    kept, look_ahead.TABLED_ENTRIES = look_ahead.TABLED_ENTRIES, 0
+    kept, look_ahead.MAX_TABLED_ENTRIES = look_ahead.MAX_TABLED_ENTRIES, 0
     try:
         ahead = LookAhead(model, along_axes(model, w))
     finally:
-        look_ahead.TABLED_ENTRIES = kept
+        look_ahead.MAX_TABLED_ENTRIES = kept
     assert ahead.table is None
     return ahead.q_values(states)
 

@@ -94,7 +94,7 @@ def test_one_epoch_look_ahead(form, document, seed):
     assert_same(look_ahead(mission, w, states), reference_q(document, w, states), tolerance)
 
 
-@pytest.mark.parametrize('entries', [sweep.BLOCK_ENTRIES, 40])
+@pytest.mark.parametrize('entries', [sweep.MAX_BLOCK_ENTRIES, 40])
 @settings(max_examples=25, deadline=None)
 @given(any_mission, seeds)
 @example(lively(), 0)
@@ -103,7 +103,7 @@ def test_a_sweep_takes_the_least_of_the_look_ahead(entries, document, seed):
     mission = mission_from_dict(document, 'test')
     w, states = random_w(mission, seed), sample(mission, 4, seed)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sweep, 'BLOCK_ENTRIES', entries)
+        patch.setattr(sweep, 'MAX_BLOCK_ENTRIES', entries)
         after = backed_up(mission, w)
     model = BruteForce(document)
     values = [reference_value(model, after, state) for state in map(tuple, states.tolist())]

@@ -31,7 +31,7 @@ def test_auto_keeps_to_t_max(mission):
 
 
 def test_auto_keeps_to_the_memory(mission, monkeypatch):
-    monkeypatch.setattr(memory, 'SMALL', 0)
+    monkeypatch.setattr(memory, 'SMALL_BYTES', 0)
     monkeypatch.setattr(memory, 'available_bytes', lambda: 12 << 20)
     policy = build_policy(mission, order=1, certificate=False)
     assert policy.method == 'expansion'
@@ -40,15 +40,15 @@ def test_auto_keeps_to_the_memory(mission, monkeypatch):
 
 
 def test_auto_does_not_begin_what_cannot_end_in_time(mission, monkeypatch):
-    monkeypatch.setattr(build, 'AUTO_SECONDS', 1e-9)
+    monkeypatch.setattr(build, 'MAX_EXACT_SECONDS', 1e-9)
     policy = build_policy(mission, order=1, certificate=False)
     assert policy.reason.startswith('expansion: the exact solution would take more than ')
 
 
 def test_auto_learns_from_the_first_sweeps(mission, monkeypatch):
-    monkeypatch.setattr(build, 'FASTEST_ENTRY', 0.0)
-    monkeypatch.setattr(build, 'AUTO_SECONDS', 1e-6)
-    monkeypatch.setattr(build, 'CALIBRATION', 0.0)
+    monkeypatch.setattr(build, 'MIN_ENTRY_SECONDS', 0.0)
+    monkeypatch.setattr(build, 'MAX_EXACT_SECONDS', 1e-6)
+    monkeypatch.setattr(build, 'CALIBRATION_SECONDS', 0.0)
     policy = build_policy(mission, order=1, certificate=False)
     assert policy.method == 'expansion'
     assert policy.reason.startswith('expansion: the exact solution would take about ')

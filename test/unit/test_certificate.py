@@ -60,7 +60,7 @@ def test_bounds_of_any_mission(document, method):
 
 
 def test_simulated_bounds_hold_in_as_many_states_as_they_say(expansion, monkeypatch):
-    monkeypatch.setattr(certify, 'EVALUATED_ENTRIES', 0)
+    monkeypatch.setattr(certify, 'MAX_EVALUATED_ENTRIES', 0)
     policy = build_policy(expansion.mission, 'expansion', order=2)
     certificate = policy.certificate
     assert 0.9 < certificate.coverage < 1

@@ -16,13 +16,13 @@ from strategies import case_study, missions, pick_states
 from uav_mission_manager.mdp import Grid, StateSpace, mission_from_dict
 from uav_mission_manager.mdp.routes import distances
 from uav_mission_manager.solver.decomposition import Measures, Plan, decompose
-from uav_mission_manager.solver.decomposition.decompose import KINDS
+from uav_mission_manager.solver.decomposition.decompose import DECOMPOSITION_KINDS
 from uav_mission_manager.solver.decomposition.measures import summed_distances
 from uav_mission_manager.solver.submdp import SubMdp
 
 MISSION = mission_from_dict(case_study(), 'test')
 MEASURES = Measures(MISSION)
-kinds = st.sampled_from(list(KINDS))
+kinds = st.sampled_from(list(DECOMPOSITION_KINDS))
 any_mission = missions([(1, 1), (1, 3), (2, 2), (3, 4)], [1, 2, 3, 4])
 
 
@@ -288,7 +288,7 @@ def test_uncovered_states_are_named():
     )
 
 
-@pytest.mark.parametrize('kind', KINDS)
+@pytest.mark.parametrize('kind', DECOMPOSITION_KINDS)
 def test_too_small_a_threshold(kind):
     with pytest.raises(ValueError, match='T_max = 300 states covers any state, such as'):
         decompose(MISSION, 300, kind)

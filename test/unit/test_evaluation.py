@@ -67,7 +67,7 @@ def test_any_policy_of_two_goals(document, seed):
 
 @pytest.mark.parametrize('feasibility', ['strict', 'paper'])
 def test_any_policy_in_mixed_precision(monkeypatch, feasibility):
-    monkeypatch.setattr(policy_evaluation, 'MIXED_ENTRIES', 0)
+    monkeypatch.setattr(policy_evaluation, 'MIN_MIXED_ENTRIES', 0)
     document = case_study(1, feasibility=feasibility)
     assert_exact(document, any_action(whole(document), 3))
 
@@ -98,8 +98,8 @@ def test_blocks_and_threads_change_no_bit(monkeypatch):
     sub = whole(case_study(1, 2))
     numbers = any_action(sub, 1)
     straight = evaluate(sub, numbers, 0.1)
-    monkeypatch.setattr(sweep, 'BLOCK_ENTRIES', 1 << 10)
-    monkeypatch.setattr(sweep, 'THREADED_ENTRIES', 0)
+    monkeypatch.setattr(sweep, 'MAX_BLOCK_ENTRIES', 1 << 10)
+    monkeypatch.setattr(sweep, 'MIN_THREADED_ENTRIES', 0)
     blocked = evaluate(sub, numbers, 0.1, threads=3)
     assert np.array_equal(blocked.value, straight.value)
     assert (blocked.upper, blocked.iterations) == (straight.upper, straight.iterations)
@@ -107,7 +107,7 @@ def test_blocks_and_threads_change_no_bit(monkeypatch):
 
 @pytest.mark.parametrize('goals', [(), (1,), (0, 2), (0, 1, 2)])
 def test_representatives_stand_where_their_entries_are(monkeypatch, goals):
-    monkeypatch.setattr(policy_evaluation, 'STATES_AT_A_TIME', 1000)
+    monkeypatch.setattr(policy_evaluation, 'MAX_ASKED_STATES', 1000)
     sub = SubMdp(whole(case_study()).mission, goals, tuple(range(1, 11)))
     model, states = AxisModel(sub), representatives(sub)
     StateSpace(3, 8).check(states)

@@ -52,8 +52,8 @@ def test_blocks_and_threads_change_no_bit(monkeypatch, document, block, dtype):
     sub = whole(document)
     reference, changes = backups(sub, 4, dtype)
     assert len(reference.row_blocks) == 1
-    monkeypatch.setattr(sweep, 'BLOCK_ENTRIES', block)
-    monkeypatch.setattr(sweep, 'THREADED_ENTRIES', 0)
+    monkeypatch.setattr(sweep, 'MAX_BLOCK_ENTRIES', block)
+    monkeypatch.setattr(sweep, 'MIN_THREADED_ENTRIES', 0)
     blocked, blocked_changes = backups(sub, 4, dtype, threads=3)
     assert len(blocked.row_blocks) > 1
     assert blocked_changes == changes
@@ -225,4 +225,4 @@ def test_tables_are_kept_for_small_missions_only():
     assert [LookAhead.tabulates(whole(many_goals(k))) for k in range(1, 7)] == [True] * 4 + [
         False
     ] * 2
-    assert look_ahead.TABLED_ENTRIES * 8 * 8 < 1 << 26
+    assert look_ahead.MAX_TABLED_ENTRIES * 8 * 8 < 1 << 26

@@ -22,7 +22,7 @@ from uav_mission_manager.solver.exact import look_ahead
 @pytest.fixture
 def large(monkeypatch):
     """Treats every mission as one too large for tables."""
-    monkeypatch.setattr(look_ahead, 'TABLED_ENTRIES', 0)
+    monkeypatch.setattr(look_ahead, 'MAX_TABLED_ENTRIES', 0)
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ def test_actions_come_from_disk_without_tables(tmp_path, monkeypatch, mission):
     reference = build_policy(mission, 'exact')
     states = pick_states(reference.space, 2000)
     assert reference.solution.actions is None
-    monkeypatch.setattr(look_ahead, 'TABLED_ENTRIES', 0)
+    monkeypatch.setattr(look_ahead, 'MAX_TABLED_ENTRIES', 0)
     build_policy(mission, 'exact').save(tmp_path / 'p')
     policy = load_policy(tmp_path / 'p')
     solution = policy.solution

@@ -168,22 +168,22 @@ def _describe(policy: Policy, summary: dict[str, Any]) -> str:
     return '\n'.join(lines)
 
 
-SHOWN_PARTS = 8
-"""Sub-MDPs of a plan that the summary names."""
+MAX_SHOWN_PARTS = 8
+"""Sub-MDPs of a plan that the summary names, at most: a choice."""
 
 
 def _plan_lines(policy: Policy) -> list[str]:
     """The sub-MDPs of the plan: type, goals, states, score."""
     parts, names = policy.plan.parts, [goal.name for goal in policy.mission.goals]
     lines = [f'  plan        {len(parts)} sub-MDPs of at most {policy.plan.max_states:,} states']
-    for number, part in enumerate(parts[:SHOWN_PARTS], 1):
+    for number, part in enumerate(parts[:MAX_SHOWN_PARTS], 1):
         goals = ', '.join(names[j] for j in part.goals)
         lines.append(
             f'    {number:3d}  {part.kind:<8}  {part.states:>13,} states  '
             f'score {part.score:.3f}  {goals}'
         )
-    if len(parts) > SHOWN_PARTS:
-        lines.append(f'         and {len(parts) - SHOWN_PARTS} more: see manifest.json')
+    if len(parts) > MAX_SHOWN_PARTS:
+        lines.append(f'         and {len(parts) - MAX_SHOWN_PARTS} more: see manifest.json')
     return lines
 
 

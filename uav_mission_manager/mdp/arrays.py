@@ -8,8 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 BoolArray = NDArray[np.bool_]
+"""Truth values."""
+
 IntArray = NDArray[np.int64]
+"""Whole numbers, such as states and actions."""
+
 FloatArray = NDArray[np.float64]
+"""Numbers in double precision."""
 
 IndexArray = NDArray[np.intp]
 """Positions in other arrays."""

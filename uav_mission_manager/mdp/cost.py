@@ -20,7 +20,10 @@ from uav_mission_manager.mdp.routes import distances
 from uav_mission_manager.mdp.states import StateSpace
 
 PRIORITIES = np.arange(3.0)[:, None]
+"""The values 0, 1, 2 of g_j, over the rows of a table of a goal."""
+
 RANGE_FLAGS = np.arange(2.0)
+"""The values 0 and 1 of r_j, over its columns."""
 
 
 def goal_costs(mission: Mission) -> FloatArray:

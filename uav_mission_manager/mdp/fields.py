@@ -10,6 +10,7 @@ from typing import Any, NoReturn, TypeVar
 from uav_mission_manager.mdp.mission import Matrix, Row
 
 ROW_SUM_TOLERANCE = 1e-9
+"""Largest distance of a sum of probabilities from 1: a choice, room for rounding."""
 
 _T = TypeVar('_T')
 
@@ -23,6 +24,7 @@ class Bad(ValueError):
 
 
 NO_DEFAULT: Any = object()
+"""Default of a field that must be given."""
 
 
 class Section:
@@ -96,6 +98,7 @@ def within(low: float, high: float) -> Callable[[Any], float]:
 
 
 probability = within(0.0, 1.0)
+"""Check a number within 0..1."""
 
 
 def non_negative(value: Any) -> float:
@@ -184,3 +187,4 @@ def distribution(value: Any) -> Row:
 
 
 stochastic_matrix = matrix(3, distribution)
+"""Check a list of three rows of three probabilities, each of which sums to 1."""

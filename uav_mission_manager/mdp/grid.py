@@ -6,7 +6,10 @@ import math
 from dataclasses import dataclass
 
 WGS84_SEMI_MAJOR = 6378137.0
+"""Semi-major axis of the WGS84 ellipsoid [m]."""
+
 WGS84_ECCENTRICITY_SQUARED = 6.69437999014e-3
+"""First eccentricity of the WGS84 ellipsoid, squared."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,10 @@ from typing import Any
 from uav_mission_manager.mdp.grid import Grid
 
 Row = tuple[float, ...]
+"""A row of numbers of a mission."""
+
 Matrix = tuple[Row, ...]
+"""A matrix of numbers of a mission, row by row."""
 
 FAULT_MODES = (
     'nominal',

@@ -49,7 +49,7 @@ PARAMETERS = (
 )
 
 
-KEPT = ('threat_level', 'goal_priorities')
+KEPT_INPUTS = ('threat_level', 'goal_priorities')
 """Inputs whose last value stays in force however old it is; the diagnostics warn of its age."""
 
 
@@ -196,7 +196,7 @@ class Manager(Node):
         ages = self._situation.ages(now)
         old = [
             f'{topic} {ages[topic]:.1f} s old, its last value kept'
-            for topic in KEPT
+            for topic in KEPT_INPUTS
             if topic in ages and ages[topic] > self._settings.input_timeout
         ]
         statuses = [

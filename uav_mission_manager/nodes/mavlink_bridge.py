@@ -38,15 +38,16 @@ from uav_mission_manager.onboard import parse_command
 from uav_mission_manager.paths import share_directory
 
 POLL_PERIOD = 0.05
-"""Time [s] between two looks at the link, and two steps of the pilot."""
+"""Time [s] between two looks at the link, and two steps of the pilot: a choice, 20 Hz."""
 
-FAULT_PERIOD = 0.5
-"""Time [s] after which an unchanged fault mode is published again."""
+FAULT_REPEAT_PERIOD = 0.5
+"""Time [s] after which an unchanged fault mode is published again: a choice, well within the time
+after which the manager misses it."""
 
 CAMERA_COMPONENT = 100
 """MAV_COMP_ID_CAMERA, the component whose heartbeat says that the camera works."""
 
-STATUSTEXT_WARNING = 4
+WARNING_SEVERITY = 4
 """MAV_SEVERITY_WARNING: texts of this severity or worse (lower numbers) are logged as warnings."""
 
 WARNING_PHASES = (Phase.NO_LINK, Phase.PILOT, Phase.HOLDING, Phase.RETURNING)
@@ -251,7 +252,7 @@ class MavlinkBridge(Node):
         for message in self._link.poll(now):
             self._telemetry = update(self._telemetry, message, now)
             if message.get_type() == 'STATUSTEXT':
-                self._log(message.severity <= STATUSTEXT_WARNING, f'autopilot: {message.text}')
+                self._log(message.severity <= WARNING_SEVERITY, f'autopilot: {message.text}')
         self._telemetry = forget(self._telemetry, now)
         if not self._link.up:
             self._telemetry, self._fault = Telemetry(), None
@@ -294,7 +295,9 @@ class MavlinkBridge(Node):
             )
         age = self._link.component_age(CAMERA_COMPONENT, now)
         fault = self._faults.update(telemetry, age, now)
-        if fault is not None and (fault != self._fault or now - self._fault_at >= FAULT_PERIOD):
+        if fault is not None and (
+            fault != self._fault or now - self._fault_at >= FAULT_REPEAT_PERIOD
+        ):
             self._fault_mode.publish(String(data=FAULT_MODES[fault]))
             self._fault_at = now
         if fault not in (None, self._fault):

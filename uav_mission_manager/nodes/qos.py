@@ -15,12 +15,20 @@ def _profile(
 
 
 SENSOR = _profile(ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE, 5)
-STATE_IN = _profile(ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE, 1)
-EVENT = _profile(ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE, 10)
-LATCHED = _profile(ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL, 1)
-RELIABLE = _profile(ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE, 10)
+"""For measurements, of which a lost one is soon replaced: ROS's profile for sensor data."""
 
-# Pass as `qos_overriding_options`: qos_overrides./topic.publisher.depth and so on.
+STATE_IN = _profile(ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE, 1)
+"""For states that are sent again and again, of which only the last one counts."""
+
+EVENT = _profile(ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE, 10)
+"""For what happens once and must not be lost; the depth is a choice."""
+
+LATCHED = _profile(ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL, 1)
+"""For what those who come later shall also hear: the last one."""
+
+RELIABLE = _profile(ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE, 10)
+"""For diagnostics and markers, with ROS's default depth."""
+
 OVERRIDABLE = QoSOverridingOptions(
     [
         QoSPolicyKind.HISTORY,
@@ -29,3 +37,4 @@ OVERRIDABLE = QoSOverridingOptions(
         QoSPolicyKind.DURABILITY,
     ]
 )
+"""Pass as `qos_overriding_options`: qos_overrides./topic.publisher.depth and so on."""

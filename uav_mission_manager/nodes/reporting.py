@@ -16,10 +16,16 @@ from uav_mission_manager.onboard import Refusal, Situation, format_command
 from uav_mission_manager.policy import Decision
 
 Colour = tuple[float, float, float, float]
+"""Red, green, blue and opacity, 0 to 1."""
 
 WHITE, GREY, BLUE = (1.0, 1.0, 1.0, 1.0), (0.6, 0.6, 0.6, 1.0), (0.1, 0.4, 1.0, 1.0)
+"""Colours of names, of the grid, and of the UAV and its target."""
+
 PRIORITY_COLOURS = (GREY, (1.0, 0.8, 0.1, 1.0), (1.0, 0.4, 0.0, 1.0))
+"""Colour of a goal, by its priority."""
+
 THREAT_COLOURS = ((0.0, 0.8, 0.2, 0.2), (1.0, 0.8, 0.0, 0.4), (1.0, 0.0, 0.0, 0.5))
+"""Colour of the UAV's cell, by the threat level t."""
 
 
 def status(level: bytes, name: str, message: str, **values: object) -> DiagnosticStatus:

@@ -17,8 +17,8 @@ from rclpy.node import Node
 
 from uav_mission_manager.nodes.parameters import NodeParameter
 
-# MissionError, PolicyError and refused parameters are ValueErrors.
 START_ERRORS = (ValueError, OSError)
+"""What a node that cannot start raises; a bad mission, policy or parameter is a ValueError."""
 
 
 def safety_clock(node: Node) -> Clock:

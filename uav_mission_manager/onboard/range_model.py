@@ -13,8 +13,10 @@ from collections.abc import Sequence
 from uav_mission_manager.mdp import Energy, Mission
 
 SECONDS_PER_HOUR = 3600.0
+"""Seconds in an hour: capacity is given in ampere hours, range counted in seconds."""
+
 FULL_CHARGE = 0.95
-"""State of charge (0 to 1) that counts as full; this project's choice."""
+"""State of charge (0 to 1) that counts as full; a choice."""
 
 
 def endurance(energy: Energy, charge: float) -> float:

@@ -38,21 +38,22 @@ from uav_mission_manager.solver.submdp import state_count, whole_mission
 from uav_mission_manager.solver.threads import processors
 
 DEFAULT_METHOD = 'auto'
+"""Method of `build_policy` where none is asked for."""
 
 DEFAULT_ORDER = 3
-"""Most goals of an expansion's clusters in full."""
+"""Most goals of an expansion's clusters in full where nothing else is asked for: a choice."""
 
-AUTO_SECONDS = 120.0
-"""Longest exact solution that `auto` waits for [s]."""
+MAX_EXACT_SECONDS = 120.0
+"""Longest exact solution that `auto` waits for [s]: a choice."""
 
-FASTEST_ENTRY = 4e-9
+MIN_ENTRY_SECONDS = 4e-9
 """Time that a sweep takes for an entry of W at the least [s]; measured 14 to 35 ns."""
 
-FEWEST_SWEEPS = 40
+MIN_SWEEPS = 40
 """Sweeps that an exact solution takes at the least; measured 40 for one goal, 110 for seven."""
 
-CALIBRATION = 2.0
-"""Time after which the sweeps made so far tell how long the rest will take [s]."""
+CALIBRATION_SECONDS = 2.0
+"""Time after which the sweeps made so far tell how long the rest will take [s]: a choice."""
 
 
 @dataclass(frozen=True)
@@ -176,8 +177,8 @@ def _too_large(job: Job) -> str:
             f'the exact solution needs {memory.size_text(needed)} of memory, '
             f'{memory.size_text(memory.available_bytes())} are free'
         )
-    seconds = sub.entries * FASTEST_ENTRY * FEWEST_SWEEPS
-    if seconds > AUTO_SECONDS and job.checkpoint is None:
+    seconds = sub.entries * MIN_ENTRY_SECONDS * MIN_SWEEPS
+    if seconds > MAX_EXACT_SECONDS and job.checkpoint is None:
         return f'the exact solution would take more than {seconds / 60:,.0f} minutes'
     return ''
 
@@ -195,9 +196,9 @@ class _Clock:
     def __call__(self, report: Report) -> None:
         self.job.progress(report)
         elapsed = time.monotonic() - self.start
-        if self.job.checkpoint is None and elapsed > CALIBRATION:
+        if self.job.checkpoint is None and elapsed > CALIBRATION_SECONDS:
             seconds = elapsed / max(report.done, 1e-3)
-            if seconds > AUTO_SECONDS and seconds - elapsed > AUTO_SECONDS / 4:
+            if seconds > MAX_EXACT_SECONDS and seconds - elapsed > MAX_EXACT_SECONDS / 4:
                 raise _TooSlowError(
                     f'the exact solution would take about {seconds / 60:,.0f} minutes, '
                     f'by its first {report.step} sweeps'
@@ -303,6 +304,7 @@ BUILDERS: dict[str, Callable[[Job], Policy]] = {
     'expansion': _expansion,
     **{method: partial(_recombined, method) for method in RECOMBINATIONS},
 }
+"""What makes a policy, by method."""
 
 METHODS = tuple(BUILDERS)
 """Methods of `build_policy`."""
@@ -312,6 +314,7 @@ POLICY_KINDS: dict[str, type[Policy]] = {
     'expansion': ExpansionPolicy,
     **dict.fromkeys(RECOMBINATIONS, RecombinedPolicy),
 }
+"""What a saved policy is read as, by the method that made it."""
 
 
 def load_policy(directory: str | Path, mission: Mission | None = None) -> Policy:

@@ -31,33 +31,36 @@ from uav_mission_manager.solver.evaluation.policy_evaluation import (
 from uav_mission_manager.solver.evaluation.simulation import Estimate, estimate
 from uav_mission_manager.solver.submdp import whole_mission
 
-EVALUATED_ENTRIES = 1 << 17
+MAX_EVALUATED_ENTRIES = 1 << 17
 """Entries of W up to which a policy is evaluated exactly; asking it for each takes some 20 us."""
 
 EVEN_STATES, FLOWN_STATES = 20_000, 1_000
-"""States drawn evenly, and from those flown, over which an exact evaluation's gap is averaged."""
+"""States drawn evenly, and from those flown, over which an exact evaluation's gap is averaged:
+choices."""
 
 SIMULATED_STATES = 96
-"""States drawn evenly, and as many from those flown, whose cost is simulated."""
+"""States drawn evenly, and as many from those flown, whose cost is simulated: a choice."""
 
-EPISODES = 8
-"""Episodes from each of them."""
+EPISODES_A_STATE = 8
+"""Episodes simulated from each of them: a choice."""
 
 SIMULATION_TASKS = 4
-"""Tasks that share the simulated states; independent of the processes that solve them."""
+"""Tasks that share the simulated states; independent of the processes that solve them: a
+choice."""
 
-TRUNCATION = 1e-4
-"""Largest discount^T at the last epoch T of a simulated episode."""
+TRUNCATED_DISCOUNT = 1e-4
+"""Largest discount^T at the last epoch T of a simulated episode: a choice."""
 
-FAILURE = 0.01
-"""Chance that any of a simulation's confidence bounds fails, and that the coverage does."""
+FAILURE_PROBABILITY = 0.01
+"""Chance that any of a simulation's confidence bounds fails, and that the coverage does: a
+choice."""
 
 
 def certify(policy: Policy, bound: LowerBound, workers: Workers) -> Certificate:
     """Bound the cost of a policy from above and compare it with a bound from below."""
     # What best_value does depends on c, which tables over W lack.
     whole = whole_mission(policy.mission)
-    tables = whole.entries <= EVALUATED_ENTRIES and policy.method != 'best_value'
+    tables = whole.entries <= MAX_EVALUATED_ENTRIES and policy.method != 'best_value'
     return _evaluated(policy, bound) if tables else _simulated(policy, bound, workers)
 
 
@@ -86,12 +89,12 @@ def _simulated(policy: Policy, bound: LowerBound, workers: Workers) -> Certifica
         np.concatenate([getattr(part, name) for part in found]) for name in ('mean', 'upper')
     )
     offset = _offset(policy, bound, even, above[:SIMULATED_STATES])
-    coverage = FAILURE ** (1 / SIMULATED_STATES)
+    coverage = FAILURE_PROBABILITY ** (1 / SIMULATED_STATES)
     gaps = [
         _mean(_gaps(values, bound.values(states)))
         for values, states in zip(np.split(mean, 2), (even, flown))
     ]
-    return Certificate(bound, offset, coverage, 1 - 2 * FAILURE, *gaps[0], *gaps[1])
+    return Certificate(bound, offset, coverage, 1 - 2 * FAILURE_PROBABILITY, *gaps[0], *gaps[1])
 
 
 def _offset(policy: Policy, bound: LowerBound, states: IntArray, above: FloatArray) -> float:
@@ -106,11 +109,11 @@ def _estimate(policy: Policy, starts: IntArray, seed: int) -> Estimate:
         policy.mission,
         None if control else policy.act,
         starts,
-        EPISODES,
+        EPISODES_A_STATE,
         np.random.default_rng(seed),
         control,
-        truncation=TRUNCATION,
-        confidence=1 - FAILURE / SIMULATED_STATES,
+        truncation=TRUNCATED_DISCOUNT,
+        confidence=1 - FAILURE_PROBABILITY / SIMULATED_STATES,
     )
 
 

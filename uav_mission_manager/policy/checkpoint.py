@@ -10,10 +10,10 @@ import numpy as np
 
 from uav_mission_manager.mdp import Mission
 from uav_mission_manager.mdp.arrays import RealArray
-from uav_mission_manager.policy.store import SCHEMA, PolicyError
+from uav_mission_manager.policy.store import MANIFEST_SCHEMA, PolicyError
 
 CHECKPOINT_INTERVAL = 60.0
-"""Seconds between two checkpoints; a solve that is shorter leaves none."""
+"""Time [s] between two checkpoints: a choice; a solve that is shorter leaves none."""
 
 
 class Checkpoint:
@@ -40,7 +40,7 @@ class Checkpoint:
     ) -> None:
         place = Path(directory).resolve()
         self.file = place.with_name(f'.{place.name}.checkpoint.npz')
-        self.key = f'{SCHEMA} {mission.digest()} {method} {precision}'
+        self.key = f'{MANIFEST_SCHEMA} {mission.digest()} {method} {precision}'
         self.interval, self.last = interval, time.monotonic()
 
     def load(self) -> tuple[int, RealArray] | None:

@@ -47,6 +47,7 @@ RECOMBINATIONS = {
     'highest_priority': Recombination(goal_sub_mdps, highest_priority, bounded=False),
     'best_value': Recombination(goal_sub_mdps, best_value, bounded=False),
 }
+"""The recombinations by name."""
 
 
 class RecombinedPolicy(Policy):

@@ -27,16 +27,23 @@ from uav_mission_manager.solver.exact import Solution
 from uav_mission_manager.solver.expansion import Clusters, Expansion, Group
 from uav_mission_manager.solver.submdp import SubMdp
 
-SCHEMA = 4
+MANIFEST_SCHEMA = 4
 """Version of what a manifest holds; 4: goals are completed by the action, W over cells."""
 
-MANIFEST = 'manifest.json'
-ARRAYS = {'value': ('float64', 'float32'), 'actions': ('uint8',)}
+MANIFEST_FILE = 'manifest.json'
+"""Name of the file that says what the others of a policy set are."""
+
+SOLUTION_ARRAYS = {'value': ('float64', 'float32'), 'actions': ('uint8',)}
+"""Arrays of a solution that are stored, and the types that each may have."""
+
 HASH_CHUNK_BYTES = 1 << 20
 """Bytes of a file that are hashed at a time: 1 MiB, a choice."""
 
-FIT = ('points', 'iterations', 'spread', 'converged')
-QUALITY = ('lower', 'upper', 'residual', 'iterations', 'converged')
+EXPANSION_FIELDS = ('points', 'iterations', 'spread', 'converged')
+"""Attributes of an expansion that its manifest holds."""
+
+SOLUTION_FIELDS = ('lower', 'upper', 'residual', 'iterations', 'converged')
+"""Attributes of a solution that its manifest holds."""
 
 
 class PolicyError(ValueError):
@@ -93,7 +100,7 @@ def read_policy_set(directory: Path) -> tuple[PolicySet, str]:
     PolicyError
         At a wrong schema, hash, shape or mission.
     """
-    place = directory / MANIFEST
+    place = directory / MANIFEST_FILE
     manifest = _read_manifest(place)
     try:
         mission = mission_from_dict(manifest['mission'], str(place))
@@ -123,7 +130,8 @@ def _replaceable(directory: Path) -> bool:
     """Whether a directory is empty, or has a manifest and no files but a policy set's."""
     names = {path.name for path in directory.iterdir()} if directory.is_dir() else {''}
     return not names or (
-        MANIFEST in names and all(name == MANIFEST or name.endswith('.npy') for name in names)
+        MANIFEST_FILE in names
+        and all(name == MANIFEST_FILE or name.endswith('.npy') for name in names)
     )
 
 
@@ -134,7 +142,7 @@ def _digest(manifest: dict[str, Any]) -> str:
 
 def _write(contents: PolicySet, directory: Path) -> str:
     manifest: dict[str, Any] = {
-        'schema': SCHEMA,
+        'schema': MANIFEST_SCHEMA,
         'method': contents.method,
         'mission': contents.mission.to_dict(),
         'mission_sha256': contents.mission.digest(),
@@ -154,7 +162,7 @@ def _write(contents: PolicySet, directory: Path) -> str:
             'tables': _write_array(directory / 'bound.npy', bound.tables),
         }
     manifest['digest'] = _digest(manifest)
-    (directory / MANIFEST).write_text(_text(manifest))
+    (directory / MANIFEST_FILE).write_text(_text(manifest))
     return str(manifest['digest'])
 
 
@@ -164,7 +172,7 @@ def _text(manifest: dict[str, Any]) -> str:
 
 def _write_part(directory: Path, position: int, solution: Solution) -> dict[str, Any]:
     arrays = {}
-    for name in ARRAYS:
+    for name in SOLUTION_ARRAYS:
         array = getattr(solution, name)
         if array is not None:
             arrays[name] = _write_array(directory / f'{position}_{name}.npy', array)
@@ -175,7 +183,7 @@ def _write_part(directory: Path, position: int, solution: Solution) -> dict[str,
         'share': sub.share,
         'travel': sub.travel,
         'goal_shares': list(sub.goal_shares),
-        **{name: getattr(solution, name) for name in QUALITY},
+        **{name: getattr(solution, name) for name in SOLUTION_FIELDS},
         'arrays': arrays,
     }
 
@@ -183,7 +191,7 @@ def _write_part(directory: Path, position: int, solution: Solution) -> dict[str,
 def _write_expansion(directory: Path, expansion: Expansion) -> dict[str, Any]:
     return {
         'clusters': [vars(group) for group in expansion.clusters.groups],
-        **{name: getattr(expansion, name) for name in FIT},
+        **{name: getattr(expansion, name) for name in EXPANSION_FIELDS},
         'theta': _write_array(directory / 'theta.npy', expansion.theta),
     }
 
@@ -200,7 +208,7 @@ def _read_expansion(directory: Path, mission: Mission, part: dict[str, Any]) -> 
     clusters = Clusters(tuple(groups))
     shape = mission.grid.q, 3, 8, clusters.features
     theta = _read_array(directory, part['theta'], shape, ('float32',))
-    return Expansion(mission, clusters, theta, **{name: part[name] for name in FIT})
+    return Expansion(mission, clusters, theta, **{name: part[name] for name in EXPANSION_FIELDS})
 
 
 def _read_certificate(directory: Path, mission: Mission, part: dict[str, Any]) -> Certificate:
@@ -228,8 +236,8 @@ def _read_manifest(place: Path) -> dict[str, Any]:
         raise PolicyError(f'{place}: cannot be read: {error}') from error
     except ValueError as error:
         raise PolicyError(f'{place}: not valid JSON: {error}') from error
-    if not isinstance(manifest, dict) or manifest.get('schema') != SCHEMA:
-        raise PolicyError(f'{place}: schema: is not {SCHEMA}')
+    if not isinstance(manifest, dict) or manifest.get('schema') != MANIFEST_SCHEMA:
+        raise PolicyError(f'{place}: schema: is not {MANIFEST_SCHEMA}')
     # The text too: 1E-08 and 1e-08 are the same number.
     if manifest.get('digest') != _digest(manifest) or text != _text(manifest):
         raise PolicyError(f'{place}: digest: does not match the manifest; it was altered')
@@ -250,10 +258,10 @@ def _read_part(directory: Path, mission: Mission, part: dict[str, Any]) -> Solut
     shape = mission.grid.q, 3 * 3**sub.n, 8 * 2**sub.n
     arrays: dict[str, Any] = {
         name: _read_array(directory, part['arrays'][name], shape, types)
-        for name, types in ARRAYS.items()
+        for name, types in SOLUTION_ARRAYS.items()
         if name != 'actions' or name in part['arrays']
     }
-    return Solution(sub=sub, **arrays, **{name: part[name] for name in QUALITY})
+    return Solution(sub=sub, **arrays, **{name: part[name] for name in SOLUTION_FIELDS})
 
 
 def _read_array(

@@ -11,6 +11,7 @@ from multiprocessing import get_context
 from typing import Any
 
 Task = Callable[..., Any]
+"""A sub-problem: called without arguments it returns its result."""
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ import numpy as np
 from uav_mission_manager.mdp.arrays import IndexArray, RealArray
 
 ArrayStep = tuple[Callable[..., Any], tuple[Any, ...]]
+"""A function and its arguments, the array that it fills among them."""
 
 
 def run_steps(steps: Iterable[ArrayStep]) -> None:

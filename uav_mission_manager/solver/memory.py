@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-SMALL = 1 << 26
-"""Bytes that any machine has; asking how many there are takes longer than a small solve."""
+SMALL_BYTES = 1 << 26
+"""Bytes that any machine has, a choice: asking for them takes longer than a small solve."""
 
 
 class MissionSizeError(ValueError):
@@ -15,7 +15,7 @@ class MissionSizeError(ValueError):
 
 def fits(needed: int) -> bool:
     """Whether so many bytes can be had."""
-    return needed <= SMALL or needed <= available_bytes()
+    return needed <= SMALL_BYTES or needed <= available_bytes()
 
 
 def available_bytes() -> int:

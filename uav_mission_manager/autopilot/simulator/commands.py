@@ -14,9 +14,8 @@ from uav_mission_manager.autopilot.simulator.link import SimulatedLink
 from uav_mission_manager.autopilot.simulator.messages import MESSAGE_BUILDERS
 from uav_mission_manager.autopilot.simulator.modes import SimulatedMode
 
-ACCEPTED, DENIED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_DENIED
-UNSUPPORTED, FAILED = mavlink.MAV_RESULT_UNSUPPORTED, mavlink.MAV_RESULT_FAILED
-"""Results of a command."""
+ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
+"""Results of a command: MAVLink's numbers (MAV_RESULT)."""
 
 FORCE_ARM, FORCE_DISARM = 2989, 21196
 """Param 2 of MAV_CMD_COMPONENT_ARM_DISARM that skips all checks, on ArduPilot."""

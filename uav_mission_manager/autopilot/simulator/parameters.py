@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-INT8 = mavlink.MAV_PARAM_TYPE_INT8
-INT32 = mavlink.MAV_PARAM_TYPE_INT32
+INT8, INT32 = mavlink.MAV_PARAM_TYPE_INT8, mavlink.MAV_PARAM_TYPE_INT32
+"""Types of a whole number."""
+
 REAL32 = mavlink.MAV_PARAM_TYPE_REAL32
-"""Types of a parameter."""
+"""Type of any other number."""
 
 
 class SimulatedParameter(NamedTuple):

@@ -21,7 +21,7 @@ from uav_mission_manager.mdp import Mission
 from uav_mission_manager.nodes import qos
 
 INJECTION_PERIOD = 0.5
-"""Time [s] after which a parameter that the simulator has not confirmed is set again."""
+"""Time [s] after which a parameter that the simulator has not confirmed is set again: a choice."""
 
 
 @dataclass

@@ -25,14 +25,14 @@ from uav_mission_manager.mdp import Mission, load_mission
 from uav_mission_manager.paths import share_directory
 from uav_mission_manager.policy import build_policy
 
-STEP_LIMIT = 60.0
-"""Time [s] that each step of a scenario may take."""
+MAX_STEP_TIME = 60.0
+"""Time [s] that each step of a scenario may take: a choice."""
 
-WATCH_LIMIT = 45.0
-"""Time [s] to watch the vehicle come home by itself after a process of the chain has ended."""
+MAX_WATCH_TIME = 45.0
+"""Time [s] to watch the vehicle come home by itself after a process has ended: a choice."""
 
-BLIND_LIMIT = 10.0
-"""The same [s] where nothing can be seen of the vehicle any more."""
+MAX_BLIND_TIME = 10.0
+"""The same [s] where nothing can be seen of the vehicle any more: a choice."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ def _play(
 ) -> str:
     """Play a script to its end; return what went wrong, if anything."""
     for what, reached in script:
-        limit = time.monotonic() + STEP_LIMIT
+        limit = time.monotonic() + MAX_STEP_TIME
         while not reached():
             executor.spin_once(timeout_sec=0.1)
             if ended := stack.ended():
@@ -134,14 +134,14 @@ def _play(
                 _watch(flight, stack, executor)
                 return f'{who} ended while waiting for {what}'
             if time.monotonic() > limit:
-                return f'no sign of {what} within {STEP_LIMIT:.0f} s'
+                return f'no sign of {what} within {MAX_STEP_TIME:.0f} s'
     return ''
 
 
 def _watch(flight: DemoFlight, stack: Stack, executor: SingleThreadedExecutor) -> None:
     """Watch the rest of the chain bring the vehicle home, as far as it can."""
     seen = not {'sim_autopilot', 'mavlink_bridge'} & stack.ended().keys()
-    limit = time.monotonic() + (WATCH_LIMIT if seen else BLIND_LIMIT)
+    limit = time.monotonic() + (MAX_WATCH_TIME if seen else MAX_BLIND_TIME)
     while time.monotonic() < limit:
         executor.spin_once(timeout_sec=0.1)
         if seen and flight.home:

@@ -9,11 +9,11 @@ from uav_mission_manager.cli.demo.flight import DemoFlight
 Wait = tuple[str, Callable[[], bool]]
 """What is waited for, in words and as a test."""
 
-WEAK_MOTOR = 0.75
-"""Thrust left of the motor that weakens (fraction): enough to fly, and found as a fault."""
+WEAK_MOTOR_THRUST = 0.75
+"""Thrust left of the motor that weakens (fraction): a choice, enough to fly, found as a fault."""
 
 LOW_CHARGE = 21.0
-"""Charge [%] for 119 m: most goals are out of range, the service cell is not."""
+"""Charge [%] for 119 m: a choice; most goals are out of range, the service cell is not."""
 
 
 def case_one(flight: DemoFlight) -> Iterator[Wait]:
@@ -48,7 +48,9 @@ def three_goals(flight: DemoFlight) -> Iterator[Wait]:
     yield f'{second} completed', lambda: second in flight.completed
     flight.meet('none')
     flight.inject(
-        f'motor 1 weakens to {WEAK_MOTOR:.0%}', SIM_ENGINE_MUL=WEAK_MOTOR, SIM_ENGINE_FAIL=1
+        f'motor 1 weakens to {WEAK_MOTOR_THRUST:.0%}',
+        SIM_ENGINE_MUL=WEAK_MOTOR_THRUST,
+        SIM_ENGINE_FAIL=1,
     )
     yield 'the fault found', lambda: flight.fault == 'actuator'
     yield 'the command to repair', lambda: flight.command == 'repair'

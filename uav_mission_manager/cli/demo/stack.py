@@ -13,9 +13,9 @@ NAMESPACE = f'/uav{os.getpid()}'
 """Namespace of the vehicle; each run has one of its own, for two demos in one ROS domain."""
 
 STOP_TIMEOUT = 5.0
-"""Time [s] that a process has to end by itself before it is killed."""
+"""Time [s] that a process has to end by itself before it is killed: a choice."""
 
-BRIDGE = {
+BRIDGE_PARAMETERS = {
     'allow_arming': True,
     'goal_dwell': 1.0,
     'service_time': 1.0,
@@ -55,7 +55,7 @@ class Stack:
         )
         mission = {'mission': self.mission}
         connection = f'udpin:{self._vehicle}'
-        self._start_node('mavlink_bridge', connection=connection, **mission, **BRIDGE)
+        self._start_node('mavlink_bridge', connection=connection, **mission, **BRIDGE_PARAMETERS)
         self._start_node('manager', policy=self.policy)
         self._start_node('base_station', **mission)
 

@@ -8,8 +8,8 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-FRAME_LINES = 6
-"""Lines of a terminal that the live table needs besides its rows."""
+LINES_BESIDES_ROWS = 6
+"""Lines of a terminal that the live table needs besides its rows: title, head, borders."""
 
 
 class View:
@@ -63,6 +63,6 @@ class View:
         for heading in ('epoch', 'state [f r g l c t m]', 'command', 'reason', 'position'):
             # On a narrow terminal it is the reason that is cut.
             table.add_column(heading, no_wrap=True, ratio=1 if heading == 'reason' else None)
-        for shown in self.rows[-max(self.console.height - FRAME_LINES, 1) :]:
+        for shown in self.rows[-max(self.console.height - LINES_BESIDES_ROWS, 1) :]:
             table.add_row(*shown)
         self._live.update(table, refresh=True)

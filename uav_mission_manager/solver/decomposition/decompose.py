@@ -27,6 +27,7 @@ from uav_mission_manager.solver.decomposition.plan import Part, Plan, first_part
 from uav_mission_manager.solver.submdp import state_count
 
 ALL_FAULT_MODES = tuple(range(1, len(FAULT_MODES) + 1))
+"""f = 1..8."""
 
 FAULT_GROUP_SIZES = (8, 4, 2, 1)
 """Fault modes in a group: all, camera healthy or failed, and so on by actuator and sensor."""
@@ -77,7 +78,7 @@ def decompose(
     if kind == 'clusters' and clusters is not None:
         candidates = [maker.cluster(goals, states) for goals, states in clusters]
     else:
-        candidates = [part for make in KINDS[kind] for part in make(maker)]
+        candidates = [part for make in DECOMPOSITION_KINDS[kind] for part in make(maker)]
     parts = [part for part in candidates if part.states <= max_states]
     names = [goal.name for goal in mission.goals]
     parts.sort(
@@ -192,7 +193,7 @@ class _Candidates:
         )
 
 
-KINDS: dict[str, tuple[Callable[[_Candidates], list[Part]], ...]] = {
+DECOMPOSITION_KINDS: dict[str, tuple[Callable[[_Candidates], list[Part]], ...]] = {
     'goal': (_Candidates.single_goals,),
     'location': (_Candidates.locations,),
     'fault': (_Candidates.fault_groups,),
@@ -206,6 +207,7 @@ KINDS: dict[str, tuple[Callable[[_Candidates], list[Part]], ...]] = {
         _Candidates.fewest_blocks,
     ),
 }
+"""What proposes the sub-MDPs, by the kind of decomposition."""
 
 
 def _check(
@@ -213,8 +215,8 @@ def _check(
 ) -> None:
     if max_states < 1:
         raise ValueError(f'max_states {max_states} must be above 0')
-    if kind not in KINDS:
-        raise ValueError(f'kind {kind!r} is none of {", ".join(KINDS)}')
+    if kind not in DECOMPOSITION_KINDS:
+        raise ValueError(f'kind {kind!r} is none of {", ".join(DECOMPOSITION_KINDS)}')
     finite = len(weights) == 3 and all(0 <= weight < math.inf for weight in weights)
     if not finite or not any(weights):
         raise ValueError(f'weights {weights} must be three, finite, not negative, not all 0')

@@ -17,8 +17,9 @@ from uav_mission_manager.mdp.grid import Grid
 from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.mdp.routes import diameter, distances
 
-PAIRWISE_CELLS = 64
-"""Cells up to which all pairs are looked at; of more, pairs are counted by their offset."""
+MAX_PAIRWISE_CELLS = 64
+"""Cells up to which all pairs are looked at; of more, pairs are counted by their offset: a
+choice."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ class Measures:
 
 def summed_distances(grid: Grid, cells: IntArray) -> float:
     """Sum of the distances of all ordered pairs of different cells, in cell widths."""
-    if len(cells) <= PAIRWISE_CELLS:
+    if len(cells) <= MAX_PAIRWISE_CELLS:
         return float(sum(distances(grid, cell)[cells].sum() for cell in cells.tolist()))
     row, col = np.divmod(cells, grid.cols)
     height, width = int(np.ptp(row)) + 1, int(np.ptp(col)) + 1

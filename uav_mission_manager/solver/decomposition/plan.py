@@ -14,13 +14,13 @@ from uav_mission_manager.mdp.arrays import BoolArray, IndexArray, IntArray
 from uav_mission_manager.mdp.mission import FAULT_MODES, Mission
 from uav_mission_manager.mdp.states import StateSpace
 
-PHI = (
+PHI_RULE = (
     'the first part in whose cells and fault modes the state is, with a goal wanted or none at all'
 )
 """The map phi from states to parts, as a plan's JSON says it."""
 
-NAMED_VALUES = 5
-"""Most values of a variable that an error names."""
+MAX_NAMED_VALUES = 5
+"""Most values of a variable that an error names: a choice."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ class Plan:
     def to_dict(self) -> dict[str, Any]:
         """Return the plan for JSON; its parts, in their order, and the rule phi map all states."""
         parts = [part.to_dict(self.mission) for part in self.parts]
-        return {'max_states': self.max_states, 'phi': PHI, 'parts': parts}
+        return {'max_states': self.max_states, 'phi': PHI_RULE, 'parts': parts}
 
     @classmethod
     def from_dict(cls, mission: Mission, data: Mapping[str, Any]) -> Plan:
@@ -160,8 +160,8 @@ class Plan:
         ValueError, LookupError, TypeError
             If it is no such plan: a field is missing, is unknown or does not fit the mission.
         """
-        if data['phi'] != PHI:
-            raise ValueError(f'phi: {data["phi"]!r} is not {PHI!r}')
+        if data['phi'] != PHI_RULE:
+            raise ValueError(f'phi: {data["phi"]!r} is not {PHI_RULE!r}')
         parts = tuple(Part.from_dict(mission, part) for part in data['parts'])
         return cls(mission, data['max_states'], parts)
 
@@ -198,9 +198,9 @@ def _uncovered(mission: Mission, missing: BoolArray) -> str:
         ('fault mode', FAULT_MODES, (0, 1)),
     ):
         absent = np.flatnonzero(missing.all(axis=others))
-        words += [f'{what} {values[i]}' for i in absent[:NAMED_VALUES]]
-        if len(absent) > NAMED_VALUES:
-            words.append(f'{len(absent) - NAMED_VALUES} more of the {what}s')
+        words += [f'{what} {values[i]}' for i in absent[:MAX_NAMED_VALUES]]
+        if len(absent) > MAX_NAMED_VALUES:
+            words.append(f'{len(absent) - MAX_NAMED_VALUES} more of the {what}s')
     if missing.all():
         words = ['any state']
     elif not words:

@@ -18,13 +18,13 @@ from uav_mission_manager.mdp.arrays import FloatArray, IntArray, RealArray
 from uav_mission_manager.solver.exact.axis_model import AxisModel
 from uav_mission_manager.solver.exact.memory import check_memory
 from uav_mission_manager.solver.exact.sweep import ActionTable, Sweeper
-from uav_mission_manager.solver.exact.value_iteration import MIXED_ENTRIES, sweep
+from uav_mission_manager.solver.exact.value_iteration import MIN_MIXED_ENTRIES, sweep
 from uav_mission_manager.solver.span_bounds import SpanBounds
 from uav_mission_manager.solver.submdp import SubMdp
 from uav_mission_manager.solver.threads import processors
 
-STATES_AT_A_TIME = 1 << 16
-"""States for which a policy is asked at once."""
+MAX_ASKED_STATES = 1 << 16
+"""States for which a policy is asked at once, at most: a choice."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,8 @@ def tabulate(sub: SubMdp, act: Callable[[IntArray], IntArray]) -> ActionTable:
     uncommitted and in normal mode.
     """
     numbers = np.empty(sub.entries, np.uint8)
-    for first in range(0, sub.entries, STATES_AT_A_TIME):
-        chunk = np.arange(first, min(first + STATES_AT_A_TIME, sub.entries))
+    for first in range(0, sub.entries, MAX_ASKED_STATES):
+        chunk = np.arange(first, min(first + MAX_ASKED_STATES, sub.entries))
         numbers[chunk] = act(representatives(sub, chunk))
     return numbers.reshape(-1, 3 * 3**sub.n, 8 * 2**sub.n)
 
@@ -122,7 +122,7 @@ def evaluate(
             raise ValueError(_not_allowed(sub, numbers, reached))
         return bounds.distance <= tolerance
 
-    for dtype in (np.float32, np.float64)[sub.entries < MIXED_ENTRIES :]:
+    for dtype in (np.float32, np.float64)[sub.entries < MIN_MIXED_ENTRIES :]:
         model = AxisModel(sub, dtype)
         sweeper = Sweeper(model, values.astype(dtype), threads, numbers)
         bounds = sweep(sweeper, stop, last=dtype is np.float64)

@@ -29,7 +29,7 @@ from uav_mission_manager.mdp.dynamics import (
 from uav_mission_manager.solver.reduced import ReducedMission
 from uav_mission_manager.solver.submdp import SubMdp
 
-ROUNDINGS_A_GOAL, ROUNDINGS = 12, 44
+ROUNDINGS_A_GOAL, OTHER_ROUNDINGS = 12, 44
 """Errors of half an ulp of the largest entry in one backup, at most: 5 for t, 4 for each g_j, 8
 for each r_j, each part that fails and completion, 7 for costs, change and shift."""
 
@@ -118,7 +118,7 @@ class AxisModel:
     def rounding(self, values: RealArray) -> float:
         """Bound on what rounding adds to one backup of W."""
         largest = max(-float(values.min()), float(values.max())) + self._largest_costs
-        roundings = ROUNDINGS_A_GOAL * self.sub.n + ROUNDINGS
+        roundings = ROUNDINGS_A_GOAL * self.sub.n + OTHER_ROUNDINGS
         return 1.01 * roundings * float(np.finfo(self.dtype).eps) / 2 * largest
 
     @cached_property

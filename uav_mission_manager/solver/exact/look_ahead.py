@@ -23,8 +23,8 @@ from uav_mission_manager.solver.exact.expectations import (
 )
 from uav_mission_manager.solver.submdp import SubMdp
 
-TABLED_ENTRIES = 1 << 19
-"""Entries of W up to which tables of E[W], some three times as large, are kept."""
+MAX_TABLED_ENTRIES = 1 << 19
+"""Entries of W up to which tables of E[W], some three times as large, are kept: a choice."""
 
 
 class LookAhead:
@@ -49,7 +49,7 @@ class LookAhead:
     @staticmethod
     def tabulates(sub: SubMdp) -> bool:
         """Whether tables are kept for a sub-MDP."""
-        return sub.entries <= TABLED_ENTRIES
+        return sub.entries <= MAX_TABLED_ENTRIES
 
     def q_values(self, states: IntArray) -> FloatArray:
         """Q(s, a) of global states (N, 2k+5), shape (N, actions); inf where not allowed."""

@@ -6,18 +6,18 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from uav_mission_manager.solver import memory
-from uav_mission_manager.solver.exact.sweep import BLOCK_ENTRIES
+from uav_mission_manager.solver.exact.sweep import MAX_BLOCK_ENTRIES
 from uav_mission_manager.solver.submdp import SubMdp
 
 SCRATCH_TABLES = 10
-"""Tables of a block of rows of all cells that a thread works with, about."""
+"""Tables of a block of rows of all cells that a thread works with: counted, about."""
 
 
 def needed_bytes(sub: SubMdp, dtype: DTypeLike, threads: int) -> int:
     """Memory that value iteration needs: W, its expectation, b, the costs and scratch."""
     rows, columns, q = 3 * 3**sub.n, 8 * 2**sub.n, sub.mission.grid.q
     costs = 3 * (len(sub.numbers) + 1) * q * columns
-    block = max(2 * BLOCK_ENTRIES, q * columns)
+    block = max(2 * MAX_BLOCK_ENTRIES, q * columns)
     entries = 2 * sub.entries + sub.n * rows // 3 * columns + rows // 3 * columns + costs
     return int((entries + threads * SCRATCH_TABLES * block) * np.dtype(dtype).itemsize)
 

@@ -23,14 +23,14 @@ from uav_mission_manager.solver.exact.expectations import (
     ExogenousExpectation,
     ExogenousTables,
 )
-from uav_mission_manager.solver.greedy import TIE
+from uav_mission_manager.solver.greedy import TIE_TOLERANCE
 from uav_mission_manager.solver.threads import share
 
-BLOCK_ENTRIES = 1 << 17
-"""Entries of W that a thread works on at a time: some ten tables of so many fit the caches."""
+MAX_BLOCK_ENTRIES = 1 << 17
+"""Entries of W that a thread works on at a time: a choice; ten tables of that size fit caches."""
 
-THREADED_ENTRIES = 1 << 20
-"""Entries of W from which threads pay; measured."""
+MIN_THREADED_ENTRIES = 1 << 20
+"""Entries of W from which threads pay: measured."""
 
 ActionTable = NDArray[np.uint8]
 """Action numbers over W."""
@@ -92,7 +92,7 @@ class RowBackup:
     def greedy(self, numbers: ActionTable, expected: ExogenousTables, first: int) -> None:
         """Write the numbers of the actions of least Q; of those that tie the lowest."""
         run_steps(self._minimise(expected, first))
-        tie = max(TIE, 8 * float(np.finfo(self.q.dtype).eps))
+        tie = max(TIE_TOLERANCE, 8 * float(np.finfo(self.q.dtype).eps))
         limit = self.least + tie * np.abs(self.least + self._base_cost(first))
         chosen = np.zeros(self.least.shape, np.uint8)
         for candidate, steps in self._each(self.candidates[::-1], first):
@@ -178,7 +178,7 @@ class Sweeper:
         policy: ActionTable | None = None,
     ) -> None:
         self.model, self.values = model, values
-        self.threads = threads if values.size >= THREADED_ENTRIES else 1
+        self.threads = threads if values.size >= MIN_THREADED_ENTRIES else 1
         self.expected = ExogenousTables.empty(model)
         cells, rows, columns = model.shape
         block_cells, block_columns, block_rows = block_shape(model)
@@ -242,11 +242,11 @@ def _follow(followed: RealArray, q: RealArray, numbers: ActionTable, number: int
 def block_shape(model: AxisModel) -> tuple[int, int, int]:
     """Cells and columns of a block of the exogenous expectation, rows of a block of the rest."""
     cells, rows, columns = model.shape
-    if cells * rows * columns <= BLOCK_ENTRIES:
+    if cells * rows * columns <= MAX_BLOCK_ENTRIES:
         return cells, columns, rows
     height, width = rows, columns
-    while rows * width > BLOCK_ENTRIES and width > 16:
+    while rows * width > MAX_BLOCK_ENTRIES and width > 16:
         width //= 2
-    while height > 1 and cells * height * columns > BLOCK_ENTRIES:
+    while height > 1 and cells * height * columns > MAX_BLOCK_ENTRIES:
         height //= 3
-    return max(1, min(cells, BLOCK_ENTRIES // (rows * width))), width, height
+    return max(1, min(cells, MAX_BLOCK_ENTRIES // (rows * width))), width, height

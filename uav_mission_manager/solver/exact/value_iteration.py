@@ -35,8 +35,8 @@ PRECISIONS: dict[str, tuple[Any, ...]] = {
 }
 """Floating types of the sweeps: mixed is the fast way to float64, double the plain one."""
 
-MIXED_ENTRIES = 1 << 14
-"""Entries of W from which early sweeps in float32 pay; measured."""
+MIN_MIXED_ENTRIES = 1 << 14
+"""Entries of W from which early sweeps in float32 pay: measured."""
 
 
 @dataclass(frozen=True)
@@ -213,4 +213,4 @@ def _types(sub: SubMdp, precision: str, values: RealArray | None) -> tuple[Any, 
     types = PRECISIONS[precision]
     if values is not None:
         return types[types.index(values.dtype.type) :]
-    return types if sub.entries >= MIXED_ENTRIES else types[-1:]
+    return types if sub.entries >= MIN_MIXED_ENTRIES else types[-1:]

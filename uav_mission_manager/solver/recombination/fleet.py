@@ -42,6 +42,7 @@ from uav_mission_manager.solver.recombination.priority import PriorityScore, ran
 from uav_mission_manager.solver.submdp import SubMdp, goal_sub_mdps
 
 ASSIGNMENTS = ('queue', 'optimal')
+"""How agents are put on goals: in queues (Algorithm 2), or for the largest sum of gains."""
 
 
 @dataclass(frozen=True)
