@@ -114,8 +114,12 @@ def starts(command: str) -> bool:
         name, _, test = arguments[0].partition('::')
         return (ROOT / name).is_file() and (not test or test in names_in(ROOT / name))
     if program == 'make':
-        rules = re.findall(r'^([\w-]+):', (ROOT / 'Makefile').read_text('utf-8'), re.MULTILINE)
-        return arguments[0] in rules
+        makefile = (ROOT / 'Makefile').read_text('utf-8')
+        rules = re.findall(r'^([\w-]+):', makefile, re.MULTILINE)
+        variables = dict(argument.split('=', 1) for argument in arguments[1:])
+        known = all(f'$({name})' in makefile for name in variables)
+        scripts = variables.get('SCRIPTS', '').split()
+        return arguments[0] in rules and known and all((ROOT / path).is_file() for path in scripts)
     given = [argument for argument in arguments if argument.startswith(('config/', 'policies/'))]
     return program in console_scripts() and all((ROOT / argument).exists() for argument in given)
 
@@ -224,6 +228,9 @@ def test_broken_links_are_found(text: str, broken: int) -> None:
     [
         ('`make demo`', True),
         ('`make no_such`', False),
+        ('`make bench SCRIPTS=benchmarks/paper.py`', True),
+        ('`make bench SCRIPTS=benchmarks/no_such.py`', False),
+        ('`make bench NO_SUCH=benchmarks/paper.py`', False),
         ('`python benchmarks/paper.py`', True),
         ('`python benchmarks/no_such.py`', False),
         ('`pytest test/unit/test_docs.py`', True),
