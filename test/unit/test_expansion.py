@@ -12,7 +12,7 @@ from strategies import case_study, missions, pick_states
 
 from uav_mission_manager.mdp import ActionKind, StateSpace, mission_from_dict
 from uav_mission_manager.mdp.dynamics import Regime
-from uav_mission_manager.solver import threads
+from uav_mission_manager.solver import memory, threads
 from uav_mission_manager.solver.decomposition.measures import Measures
 from uav_mission_manager.solver.evaluation.policy_evaluation import evaluate, tabulate
 from uav_mission_manager.solver.exact import AxisModel, LookAhead, value_iteration
@@ -22,10 +22,12 @@ from uav_mission_manager.solver.expansion import (
     ExpansionLookAhead,
     cluster_states,
     fit,
+    fit_bytes,
     fit_expansion,
 )
+from uav_mission_manager.solver.expansion import design as design_module
 from uav_mission_manager.solver.expansion.basis import COMPLETE
-from uav_mission_manager.solver.expansion.fit import design
+from uav_mission_manager.solver.expansion.design import design
 from uav_mission_manager.solver.greedy import choose
 from uav_mission_manager.solver.reduced import ReducedMission
 from uav_mission_manager.solver.submdp import whole_mission
@@ -255,15 +257,15 @@ def test_clusters_that_cannot_be(order, limit, message):
 
 def test_a_fit_that_runs_away_is_tried_in_more_points(monkeypatch):
     mission, tried = many_goals(6), []
-    fit_once = fit._fit
+    fit_once = fit._Fit.in_points
 
-    def running_away(reduced, clusters, x, *rest):
+    def running_away(self, clusters, x, start):
         tried.append((clusters.features, len(x)))
-        return None if len(tried) < 3 else fit_once(reduced, clusters, x, *rest)
+        return None if len(tried) < 3 else fit_once(self, clusters, x, start)
 
-    monkeypatch.setattr(fit, 'COMPLETE_DESIGN', 0)
-    monkeypatch.setattr(fit, 'LEAST_POINTS', 100)
-    monkeypatch.setattr(fit, '_fit', running_away)
+    monkeypatch.setattr(design_module, 'COMPLETE_DESIGN', 0)
+    monkeypatch.setattr(design_module, 'LEAST_POINTS', 100)
+    monkeypatch.setattr(fit._Fit, 'in_points', running_away)
     clusters = Clusters.up_to(mission, 1, 4608)
     found = fit_expansion(mission, clusters)
     size = clusters.features
@@ -273,15 +275,13 @@ def test_a_fit_that_runs_away_is_tried_in_more_points(monkeypatch):
 
 
 def test_what_does_not_settle_gives_way_to_what_does(monkeypatch):
-    mission, fit_once = many_goals(6), fit._fit
-    monkeypatch.setattr(
-        fit,
-        '_fit',
-        lambda reduced, clusters, *rest: (
-            fit_once(reduced, clusters, *rest) if clusters.features <= 100 else None
-        ),
-    )
-    monkeypatch.setattr(fit, 'COMPLETE_DESIGN', 0)
+    mission, fit_once = many_goals(6), fit._Fit.in_points
+
+    def large_ones_run_away(self, clusters, x, start):
+        return fit_once(self, clusters, x, start) if clusters.features <= 100 else None
+
+    monkeypatch.setattr(fit._Fit, 'in_points', large_ones_run_away)
+    monkeypatch.setattr(design_module, 'COMPLETE_DESIGN', 0)
     monkeypatch.setattr(fit, 'FIRST_FEATURES', 100)
     clusters = Clusters.up_to(mission, 2, cluster_states(mission, 2))
     found = fit_expansion(mission, clusters)
@@ -290,6 +290,95 @@ def test_what_does_not_settle_gives_way_to_what_does(monkeypatch):
     monkeypatch.setattr(fit, 'RUNAWAY', 0.0)
     with pytest.raises(ValueError, match='mission case_study: no expansion settles'):
         fit_expansion(mission, clusters)
+
+
+def test_a_fit_that_is_not_trusted_is_tried_in_more_points(monkeypatch):
+    mission = many_goals(6)
+    monkeypatch.setattr(design_module, 'COMPLETE_DESIGN', 0)
+    monkeypatch.setattr(design_module, 'LEAST_POINTS', 100)
+    monkeypatch.setattr(design_module, 'DRAWN_SHARE', 1000)
+    monkeypatch.setattr(fit, 'FIRST_FEATURES', 50)
+    clusters = Clusters.up_to(mission, 2, cluster_states(mission, 2)).within(200)
+    size, tried = clusters.features, []
+    fit_once = fit._Fit.in_points
+
+    def noted(self, chosen, x, start):
+        if chosen == clusters:
+            tried.append(len(x))
+        return fit_once(self, chosen, x, start)
+
+    monkeypatch.setattr(fit._Fit, 'in_points', noted)
+    found = fit_expansion(mission, clusters)
+    assert tried[:2] == [4 * size, 8 * size]
+    assert found.fresh_residual > fit.TRUSTED_RESIDUAL
+    assert 'a higher order' in found.warning
+    tried.clear()
+    monkeypatch.setattr(fit, 'TRUSTED_RESIDUAL', 10.0)
+    less = fit_expansion(mission, clusters)
+    assert tried == [4 * size]
+    assert found.fresh_residual < less.fresh_residual
+    assert not less.warning
+
+
+def test_an_expansion_that_is_far_from_its_backup_says_so():
+    mission = mission_from_dict(case_study(), 'test')
+    assert not fitted(mission, 2).warning
+    lone = Clusters(Clusters.up_to(mission, 1, NO_LIMIT).groups[:1])
+    assert 'a higher order' in fit_expansion(mission, lone).warning
+    unsettled = fit_expansion(mission, lone, max_iterations=2)
+    assert not unsettled.converged
+    assert 'not settled after 2 sweeps' in unsettled.warning
+
+
+def test_where_nothing_costs_anything_all_is_zero():
+    document = case_study(distance_weight=0.0, service_cost={'recharge': 0.0, 'repair': 0.0})
+    document['goals'] = [goal | {'eta': 0.0, 'delta': 0.0} for goal in document['goals']]
+    document['faults'] |= {'cost': [0.0] * 8}
+    document['range'] |= {'cost': 0.0}
+    document['threat'] |= {'cost': [[0.0, 0.0]] * 3}
+    mission = mission_from_dict(document, 'test')
+    expansion = fitted(mission, 2)
+    assert expansion.converged
+    assert expansion.fresh_residual == 0
+    q = ExpansionLookAhead(expansion).q_values(space_of(mission).states())
+    assert not q[np.isfinite(q)].any()
+
+
+def test_costs_over_nine_decades():
+    """What the small ones decide is lost in single precision."""
+    document = case_study()
+    for goal, factor in zip(document['goals'], (1e6, 1.0, 1e-3)):
+        goal['eta'], goal['delta'] = goal['eta'] * factor, goal['delta'] * factor
+    mission = mission_from_dict(document, 'test')
+    whole, states = whole_mission(mission), space_of(mission).states()
+    expansion = fitted(mission, 2)
+    assert expansion.theta.dtype == np.float64
+    look_ahead = ExpansionLookAhead(expansion)
+    optimal = optimal_q_values(mission, states).min(axis=1)
+    actions = tabulate(whole, lambda rows: choose(look_ahead.q_values(rows)))
+    loss = evaluate(whole, actions).state_values(states) / optimal - 1
+    assert loss.mean() < 1e-3
+    assert loss.max() < 0.02
+
+
+def test_a_fit_too_large_for_the_memory(monkeypatch):
+    mission = many_goals(10)
+    clusters = Clusters.up_to(mission, 2, cluster_states(mission, 2))
+    assert fit_bytes(mission, clusters) > 1e8
+    assert fit_bytes(mission, clusters.within(100)) < 1e8
+    monkeypatch.setattr(memory, 'available_bytes', lambda: 10**8)
+    with pytest.raises(memory.MissionSizeError, match=r'1,536 features needs .* lower order'):
+        fit_expansion(mission, clusters)
+
+
+def test_progress_of_a_fit():
+    mission, reports = many_goals(4), []
+    clusters = Clusters.up_to(mission, 2, cluster_states(mission, 2))
+    found = fit_expansion(mission, clusters, progress=reports.append)
+    assert [report.step for report in reports] == list(range(1, found.iterations + 1))
+    assert all(0 <= report.done <= 1 for report in reports)
+    assert reports[-1].done == 1
+    assert f'{clusters.features} features' in reports[-1].text
 
 
 def test_the_same_bits_in_every_run(monkeypatch):

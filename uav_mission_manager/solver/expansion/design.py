@@ -1,0 +1,53 @@
+"""Design points: the x in which an expansion is backed up and fitted."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from uav_mission_manager.mdp.arrays import IntArray
+from uav_mission_manager.mdp.mission import Mission
+from uav_mission_manager.solver.expansion.basis import LIKELIHOOD, Clusters
+from uav_mission_manager.solver.reduced import X_VALUES, goal_order
+
+COMPLETE_DESIGN = 1 << 13
+"""Most points of a design that holds all x."""
+
+POINTS_A_FEATURE = (4, 8, 16)
+"""Design points a feature, where they are drawn: as many as it takes to settle."""
+
+LEAST_POINTS = 2048
+"""Least number of points of a drawn design."""
+
+DRAWN_SHARE = 3
+"""A design holds one in so many of all x, where those are no more than the most a feature."""
+
+
+def is_complete(mission: Mission) -> bool:
+    """Whether the design holds all x."""
+    return X_VALUES**mission.k <= COMPLETE_DESIGN
+
+
+def design_size(mission: Mission, clusters: Clusters, points_a_feature: int) -> int:
+    """Number of design points for an expansion."""
+    every = int(X_VALUES**mission.k)
+    if is_complete(mission):
+        return every
+    share = every // DRAWN_SHARE
+    least = share if share <= POINTS_A_FEATURE[-1] * clusters.features else LEAST_POINTS
+    return min(max(points_a_feature * clusters.features, least), every)
+
+
+def design(mission: Mission, points: int) -> IntArray:
+    """Design points x (M, k): all where they are few, else drawn by their likelihood.
+
+    Goals are drawn for in an order of their own, so that relabelling them changes nothing.
+    """
+    k = mission.k
+    if is_complete(mission):
+        return np.indices((X_VALUES,) * k).reshape(k, -1).T
+    rng = np.random.default_rng(points)
+    drawn = rng.choice(6, (2 * points, k), p=LIKELIHOOD)
+    chosen = rng.permutation(np.unique(drawn, axis=0))[:points]
+    x = np.empty_like(chosen)
+    x[:, goal_order(mission)] = chosen
+    return x
