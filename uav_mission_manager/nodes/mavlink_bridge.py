@@ -20,14 +20,7 @@ from uav_mission_manager.autopilot.pilot import NO_POSITION_TO_HOLD, Pilot
 from uav_mission_manager.autopilot.task import FlightTask, Phase, PilotOutput, Settings
 from uav_mission_manager.autopilot.telemetry import Telemetry, forget, update
 from uav_mission_manager.autopilot.vehicle import commands, mode_name
-from uav_mission_manager.mdp import (
-    FAULT_MODES,
-    Action,
-    ActionKind,
-    Mission,
-    Origin,
-    load_mission,
-)
+from uav_mission_manager.mdp import FAULT_MODES, Action, ActionKind, Mission, Origin, load_mission
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.conversions import battery_state, nav_sat_fix, odometry
 from uav_mission_manager.nodes.frames import MAP_FRAME
