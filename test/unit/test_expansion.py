@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import case_study, missions, pick_states
 
+from uav_mission_manager import build_policy, load_policy
 from uav_mission_manager.mdp import ActionKind, StateSpace, mission_from_dict
 from uav_mission_manager.mdp.dynamics import Regime
 from uav_mission_manager.solver import memory, threads
@@ -400,3 +401,26 @@ def test_state_spaces_too_large_to_count_need_no_more_than_their_clusters():
     state = np.array([[1, *[1] * 20, *[2] * 20, 0, 0, 0, 0]])
     (chosen,) = choose(ExpansionLookAhead(expansion).q_values(state))
     assert whole_mission(mission).actions[chosen - 1].kind is ActionKind.COMMIT
+
+
+def test_decision_and_round_trip(tmp_path):
+    mission = mission_from_dict(case_study(), 'test')
+    policy = build_policy(mission, 'expansion', order=2)
+    policy.save(tmp_path / 'set')
+    loaded = load_policy(tmp_path / 'set')
+    assert loaded.method == 'expansion'
+    assert loaded.digest == policy.digest
+    assert loaded.info == policy.info
+    states = pick_states(policy.space, 200)
+    np.testing.assert_array_equal(loaded.q_values(states), policy.q_values(states))
+    for state in states[:20]:
+        decision = loaded.decide(state.tolist())
+        assert decision.action.number == loaded.act(state)[0]
+    bound = loaded.lower_bound(states)
+    np.testing.assert_array_equal(bound, policy.lower_bound(states))
+    optimal = build_policy(mission, 'exact').q_values(states).min(axis=1)
+    assert (bound <= optimal).all()
+    assert np.mean(optimal / bound - 1) < 0.05
+    values = loaded.part_values(states)
+    assert values.shape == (200, 3)
+    assert not values[states[:, 4:7] == 0].any()

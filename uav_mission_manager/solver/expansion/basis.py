@@ -45,6 +45,10 @@ order are in it, it may have half as many more."""
 Outcome = tuple[int, int | None]
 """What an epoch does to the goals: its regime, and the goal that is completed or None."""
 
+Factors = list[tuple[int, IndexArray]]
+"""Factors of features: of the first factor, the second and so on, which feature is the first that
+has one, and the factors' positions from there on."""
+
 RANKS = (0, 0, 1, 2, 2)
 """Detail of each function of x_j but the constant: 2 for the fine ones."""
 
@@ -227,10 +231,7 @@ class Basis:
         self._next = reduced.goals @ functions
         self._completed = reduced.completed @ functions
         self.products = self._products()
-        most = max(map(len, self.products))
-        # 0 is a constant, and fills up.
-        filled = [product + (0,) * (most - len(product)) for product in self.products]
-        self._index = np.array(filled, np.intp).reshape(self.size, most).T
+        self._factors = _factors(self.products)
 
     def _products(self) -> list[tuple[int, ...]]:
         products: list[tuple[int, ...]] = [()]
@@ -273,25 +274,42 @@ class Basis:
         return table
 
     def features(
-        self, functions: RealArray, x: IntArray, chosen: IndexArray | slice = slice(None)
+        self, functions: RealArray, x: IntArray, factors: Factors | None = None
     ) -> RealArray:
-        """Products (outcomes, P, N) of functions (outcomes, k, 6, functions) at x (N, k).
+        """Features (outcomes, P, N) of functions (outcomes, k, 6, functions) at x (N, k).
 
-        Of all features, or of some.
+        All of them by default, else those of some factors.
         """
         values = functions[:, np.arange(x.shape[1]), x]
         flat = values.transpose(0, 2, 3, 1).reshape(len(values), -1, len(x))
-        index = self._index[:, chosen]
-        out: RealArray = flat.take(index[0], axis=1)
-        for factor in index[1:]:
-            out *= flat.take(factor, axis=1)
+        (_, index), *rest = factors or self._factors
+        out: RealArray = flat.take(index, axis=1)
+        for first, index in rest:
+            out[:, first:] *= flat.take(index, axis=1)
         return out
 
     @cached_property
-    def of_goal(self) -> list[IndexArray]:
-        """Positions of the features that look at each goal."""
-        goals = np.where(self._index > 0, self._index // X_VALUES, -1)
-        return [np.flatnonzero((goals == j).any(axis=0)) for j in range(self.reduced.n)]
+    def of_goals(self) -> list[tuple[IndexArray, Factors]]:
+        """Positions of the features that look at each goal, and their factors."""
+        goals = [{factor // X_VALUES for factor in product} for product in self.products]
+        found = []
+        for j in range(self.reduced.n):
+            positions = [position for position, looks_at in enumerate(goals) if j in looks_at]
+            factors = _factors([self.products[position] for position in positions])
+            found.append((np.array(positions, np.intp), factors))
+        return found
+
+
+def _factors(products: list[tuple[int, ...]]) -> Factors:
+    """Factors of products, of which those of fewer factors stand first."""
+    factors = []
+    for place in range(max(map(len, products))):
+        first = next(n for n, product in enumerate(products) if len(product) > place)
+        # Function 0 of the first goal is the constant, that of the feature without factors.
+        first = first if place else 0
+        rows = [product[place] if product else 0 for product in products[first:]]
+        factors.append((first, np.array(rows, np.intp)))
+    return factors
 
 
 def _orthonormal(functions: FloatArray) -> FloatArray:

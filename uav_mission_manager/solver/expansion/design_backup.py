@@ -113,7 +113,7 @@ class _Block:
         self.expected[int(Regime.REPAIRED)] = self.expected[Regime.PARKED]
         self.price = reduced.price[..., None, None].astype(dtype)
         self.completion = reduced.completion[:, None].astype(dtype)
-        self.of_goal = basis.of_goal
+        self.members = [positions for positions, _ in basis.of_goals]
         self.arrivals: list[dict[Arrival, RealArray]] = []
         self.completions: list[list[_Completion]] = []
         for cell in range(reduced.q):
@@ -151,7 +151,7 @@ class _Block:
 
     def _gained(self, completion: _Completion, coefficients: RealArray) -> RealArray:
         """What the chance to complete a goal adds to the discounted E[V'], (3, 8, n)."""
-        part = coefficients.take(self.of_goal[completion.goal], axis=-1)
+        part = coefficients.take(self.members[completion.goal], axis=-1)
         gained = part.reshape(-1, part.shape[-1]) @ completion.gains
         return self.completion * gained.reshape(*part.shape[:2], -1)
 
@@ -174,9 +174,9 @@ class _Block:
             points = np.flatnonzero(np.isfinite(costs[action]).any(axis=0))
             if not points.size:
                 continue
-            members = self.of_goal[goal]
+            members, factors = basis.of_goals[goal]
             functions = basis.functions_after([(regime, goal)]).astype(costs.dtype)
-            gains = basis.features(functions, x[points], members)[0]
+            gains = basis.features(functions, x[points], factors)[0]
             gains -= self.expected[regime][np.ix_(members, points)]
             allowed = costs[action][:, points]
             completions.append(_Completion(regime, goal, points, allowed, gains))
