@@ -376,10 +376,21 @@ def test_progress_of_a_fit():
     mission, reports = many_goals(4), []
     clusters = Clusters.up_to(mission, 2, cluster_states(mission, 2))
     found = fit_expansion(mission, clusters, progress=reports.append)
-    assert [report.step for report in reports] == list(range(1, found.iterations + 1))
-    assert all(0 <= report.done <= 1 for report in reports)
-    assert reports[-1].done == 1
+    done = [report.done for report in reports]
+    assert [report.step for report in reports[:-1]] == list(range(1, found.iterations + 1))
+    assert done == sorted(done)
+    assert done[0] < 0.1
+    assert done[-2] < done[-1] == 1
     assert f'{clusters.features} features' in reports[-1].text
+
+
+def test_a_fit_that_circles_ends():
+    mission = mission_from_dict(case_study(), 'test')
+    clusters = Clusters.up_to(mission, 2, cluster_states(mission, 2))
+    found = fit_expansion(mission, clusters, 1e-18)
+    assert not found.converged
+    assert found.iterations < 500
+    assert 'not settled' in found.warning
 
 
 def test_the_same_bits_in_every_run(monkeypatch):

@@ -55,6 +55,15 @@ FIRST_FEATURES = 256
 """Features of a first fit, at most. What it has found is where the whole one starts from, whose
 sweeps are long."""
 
+STALLED_SWEEPS = 50
+"""Sweeps without a smaller change than ever before after which a fit does not settle any more."""
+
+FIRST_SHARE = 0.1
+"""Estimated part of the work that the first fit is."""
+
+NOT_YET_DONE = 0.99
+"""Most of the work that is reported as done before it is finished."""
+
 FRESH_POINTS = 1024
 """Points that are drawn anew to look at a fit where it was not made."""
 
@@ -174,6 +183,7 @@ def fit_expansion(
             found = fit(clusters, found, TRUSTED_RESIDUAL) or found
     if found is None:
         raise ValueError(f'mission {mission.name}: no expansion settles; use another method')
+    progress(Report(found.iterations, 1.0, f'{found.clusters.features} features fitted'))
     return found
 
 
@@ -225,7 +235,7 @@ class _Fit:
         self, reduced: ReducedMission, tolerance: float, max_iterations: int, progress: Progress
     ) -> None:
         self.reduced, self.mission = reduced, reduced.sub.mission
-        self.max_iterations, self.progress = max_iterations, progress
+        self.max_iterations, self.progress, self.done = max_iterations, progress, 0.0
         # Bounds are so much further apart than the change; less than the change would not do.
         gain = max(SpanBounds(0.0, 0.0, self.mission.discount).gain, 1.0)
         self.change = tolerance / gain
@@ -235,12 +245,13 @@ class _Fit:
     def __call__(
         self, clusters: Clusters, found: Expansion | None, trusted: float
     ) -> Expansion | None:
-        """Fit from another expansion; in more points as long as it is not trusted.
+        """Fit from another expansion; in more points where it does not settle or is not trusted.
 
-        Returns None where it settles in no number of points.
+        Returns None where it runs away in any number of points.
         """
         best = None
         for points in POINTS_A_FEATURE:
+            # Only here what comes out may depend on how much memory there is.
             if best is not None and not memory.fits(fit_bytes(self.mission, clusters, points)):
                 break
             x = design(self.mission, design_size(self.mission, clusters, points))
@@ -248,7 +259,9 @@ class _Fit:
             if fitted is not None:
                 gain = fitted.fresh_residual / best.fresh_residual if best else 0.0
                 best = fitted if gain <= 1 else best
-                if fitted.fresh_residual <= trusted or gain > WORTHWHILE_GAIN:
+                if fitted.converged and fitted.fresh_residual <= trusted:
+                    break
+                if gain > WORTHWHILE_GAIN:
                     break
             if is_complete(self.mission):
                 break
@@ -267,20 +280,20 @@ class _Fit:
         backup = DesignBackup(basis, x, self.dtype)
         fit = LeastSquares(basis, x, self.dtype)
         present: RealArray = theta @ fit.now
-        last, first, steps = iterations + self.max_iterations, 0.0, Extrapolation()
+        last, changes, steps = iterations + self.max_iterations, list[float](), Extrapolation()
         while True:
             values = backup(theta)
-            bounds, relative = _bounds(self.mission, values, present)
-            iterations, first = iterations + 1, first or relative
-            converged = relative <= self.change
-            done = share_of_decades(first, relative, self.change)
-            text = f'{basis.size} features, sweep {iterations}, change {relative:.1e}'
-            self.progress(Report(iterations, done, text))
-            if not converged and not relative <= RUNAWAY * first:
+            bounds, change = _bounds(self.mission, values, present)
+            iterations += 1
+            changes.append(change)
+            self._report(iterations, basis.size, start is None, changes)
+            converged = change <= self.change
+            if not converged and not change <= RUNAWAY * changes[0]:
                 return None
             fitted = fit(values)
             fitted[..., 0] += self.dtype.type(bounds.middle)
-            if converged or iterations == last:
+            stalled = min(changes) < min(changes[-STALLED_SWEEPS:])
+            if converged or stalled or iterations == last:
                 break
             values += self.dtype.type(bounds.middle)
             theta, present = steps(theta, fitted, values)
@@ -288,6 +301,13 @@ class _Fit:
         return Expansion(
             self.mission, clusters, fitted, len(x), iterations, bounds.span, converged, residual
         )
+
+    def _report(self, step: int, features: int, first: bool, changes: list[float]) -> None:
+        share = share_of_decades(changes[0], changes[-1], self.change)
+        done = FIRST_SHARE * share if first else FIRST_SHARE + (1 - FIRST_SHARE) * share
+        self.done = max(self.done, min(done, NOT_YET_DONE))
+        text = f'{features} features, sweep {step}, change {changes[-1]:.1e}'
+        self.progress(Report(step, self.done, text))
 
 
 def _bounds(mission: Mission, values: RealArray, present: RealArray) -> tuple[SpanBounds, float]:
