@@ -135,10 +135,12 @@ def by_successors(mission, w, states):
 def by_cluster(mission, w, states):
     """From the lower bound's cluster of all goals."""
     mdp = ClusterMdp(whole_mission(mission), np.float64)
-    ahead = mdp.ahead(by_x(w).reshape(mdp.shape))
+    ahead = mdp.ahead(by_x(w).reshape(len(w), 24, -1).swapaxes(1, 2))
     s, column = mdp.reduced.split(states), mdp.reduced.x(states) @ 6 ** np.arange(mission.k)[::-1]
-    q = [mdp.q_values(cell, ahead)[:, t, f, x] for cell, t, f, x in zip(s.l, s.t, s.f - 1, column)]
-    own = mdp.state_costs[s.f - 1, column] + mdp.reduced.mode_costs(states)
+    mode, costs = 8 * s.t + s.f - 1, mdp.costs({})
+    tables = (mdp.q_values(cell, ahead, costs).reshape(-1, *mdp.shape[1:]) for cell in s.l)
+    q = [table[:, x, i] for table, x, i in zip(tables, column, mode)]
+    own = mdp.state_costs[column, mode] + mdp.reduced.mode_costs(states)
     return np.array(q) + own[:, None]
 
 
