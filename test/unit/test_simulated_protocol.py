@@ -16,7 +16,7 @@ from uav_mission_manager.autopilot.simulator.messages import MESSAGE_BUILDERS
 from uav_mission_manager.autopilot.simulator.modes import SimulatedMode
 from uav_mission_manager.autopilot.simulator.parameters import SIMULATED_PARAMETERS
 from uav_mission_manager.autopilot.simulator.physics import SimulatedOrigin
-from uav_mission_manager.autopilot.simulator.protocol import Autopilot
+from uav_mission_manager.autopilot.simulator.protocol import SimulatedAutopilot
 
 DT = 0.02
 RELATIVE = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
@@ -104,7 +104,7 @@ class Peer:
 def connect(boot_seconds=0.5, peers=1):
     peers = [Peer() for _ in range(peers)]
     flight = SimulatedFlight(SimulatedOrigin(47.0, 8.0, 400.0), boot_seconds)
-    autopilot = Autopilot(flight, [peer.link for peer in peers])
+    autopilot = SimulatedAutopilot(flight, [peer.link for peer in peers])
     for peer in peers:
         peer.autopilot = autopilot
     return peers

@@ -18,7 +18,7 @@ from uav_mission_manager.autopilot.link import read_port
 from uav_mission_manager.autopilot.simulator.flight import SimulatedFlight
 from uav_mission_manager.autopilot.simulator.link import SimulatedLink
 from uav_mission_manager.autopilot.simulator.physics import SimulatedOrigin
-from uav_mission_manager.autopilot.simulator.protocol import Autopilot
+from uav_mission_manager.autopilot.simulator.protocol import SimulatedAutopilot
 
 DEFAULT_CONNECTION = 'udpout:127.0.0.1:14550'
 """Where ground stations and the bridge listen by default."""
@@ -65,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(flight: SimulatedFlight, ports: Sequence[Any], system: int) -> None:
     """Let simulated time follow wall time, for ever."""
     links = [SimulatedLink(port, system) for port in ports]
-    autopilot = Autopilot(flight, links, system)
+    autopilot = SimulatedAutopilot(flight, links, system)
     owed, last = 0.0, time.monotonic()
     while True:
         speedup = flight.parameters['SIM_SPEEDUP']

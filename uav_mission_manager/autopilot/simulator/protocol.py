@@ -25,7 +25,7 @@ IGNORE_POSITION = (
 """Bits of a set-point's type_mask, any of which leaves it without a whole position."""
 
 
-class Autopilot:
+class SimulatedAutopilot:
     """A `SimulatedFlight` behind MAVLink links; `receive` and `step` are all that moves it."""
 
     def __init__(
@@ -156,13 +156,13 @@ class Autopilot:
         )
 
 
-_HANDLERS: dict[str, Callable[[Autopilot, SimulatedLink, Any], None]] = {
-    'COMMAND_LONG': Autopilot._command,
-    'COMMAND_INT': Autopilot._command,
-    'SET_MODE': Autopilot._set_mode,
-    'SET_POSITION_TARGET_GLOBAL_INT': Autopilot._position_target,
-    'TIMESYNC': Autopilot._timesync,
-    'PARAM_REQUEST_READ': Autopilot._read_parameter,
-    'PARAM_REQUEST_LIST': Autopilot._list_parameters,
-    'PARAM_SET': Autopilot._set_parameter,
+_HANDLERS: dict[str, Callable[[SimulatedAutopilot, SimulatedLink, Any], None]] = {
+    'COMMAND_LONG': SimulatedAutopilot._command,
+    'COMMAND_INT': SimulatedAutopilot._command,
+    'SET_MODE': SimulatedAutopilot._set_mode,
+    'SET_POSITION_TARGET_GLOBAL_INT': SimulatedAutopilot._position_target,
+    'TIMESYNC': SimulatedAutopilot._timesync,
+    'PARAM_REQUEST_READ': SimulatedAutopilot._read_parameter,
+    'PARAM_REQUEST_LIST': SimulatedAutopilot._list_parameters,
+    'PARAM_SET': SimulatedAutopilot._set_parameter,
 }
