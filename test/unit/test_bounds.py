@@ -232,6 +232,39 @@ def test_unit_of_the_costs_does_not_matter(unit):
     )
 
 
+def test_costs_over_nine_decades():
+    """Below V*, and in the mean state not far below, in whatever precision that takes."""
+    document = case_study()
+    document['goals'][0] |= {'eta': 1e9, 'delta': 1e9}
+    document['goals'][1] |= {'eta': 1e-3, 'delta': 1e-3}
+    mission = mission_from_dict(document, 'test')
+    states = StateSpace(mission.k, mission.grid.q).states()
+    exact, slack = optimum(mission, states)
+    bound = lower_bound(mission, PAIRS)
+    assert (bound.values(states) <= exact + slack).all()
+    assert gap(exact, bound.values(states)) < 0.2
+
+
+def test_estimate_of_memory(monkeypatch):
+    """More cells, goals or clusters need more; what does not fit is refused in one line."""
+    mission = goals_of_many(6)
+    triples, pairs = (list(itertools.combinations(range(6), n)) for n in (3, 2))
+    assert bound_bytes(mission, pairs) < bound_bytes(mission, triples)
+    assert bound_bytes(mission, triples[:10]) < bound_bytes(mission, triples)
+    monkeypatch.setattr(memory, 'SMALL', 0)
+    monkeypatch.setattr(memory, 'available_bytes', lambda: 1 << 20)
+    with pytest.raises(memory.MissionSizeError, match='build without a certificate') as error:
+        lower_bound(mission, triples)
+    assert '\n' not in str(error.value)
+
+
+def test_large_grids_get_small_clusters():
+    document = case_study()
+    document['grid'] |= {'rows': 100, 'cols': 100}
+    mission = mission_from_dict(document, 'test')
+    assert {len(cluster) for cluster in covering(mission, 10**12)} == {1}
+
+
 def goals_of_many(k):
     document = case_study()
     goals = [
@@ -264,7 +297,7 @@ def test_clusters_of_a_certificate(k, max_states, size, count, pairs):
     assert len(set(found)) == len(found) == count
     held = Counter(j for cluster in found for j in cluster)
     assert len(held) == k
-    assert max(held.values()) <= 3 * min(held.values())
+    assert max(held.values()) <= 20 * min(held.values())
     pair = {frozenset(pair) for cluster in found for pair in itertools.combinations(cluster, 2)}
     assert len(pair) >= pairs
 

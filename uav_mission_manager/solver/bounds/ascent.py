@@ -41,10 +41,10 @@ STEPS = 4.0, 12.0, 12.0
 depends on. Measured on the case study and random missions: larger parts overshoot, lower ones
 creep."""
 
-FIRST_TEMPERATURE = 0.25
+FIRST_TEMPERATURE = 0.12
 """Of the soft minimum, in the mean cost of an epoch over the clusters that hold a goal."""
 
-COOLING = 1 / 150
+COOLING = 1 / 80
 """Last temperature over the first."""
 
 RARE = 1e-6
@@ -74,7 +74,7 @@ class Ascent:
     Attributes
     ----------
     values, occupancies : list of float32 array (q, 6^n, 24)
-        In the end W is near its optimum under psi.
+        In the end W is near its optimum under psi, see `settled`.
     mean : float
         Of all states, of the sum of the clusters' W under the even split.
     """
@@ -161,6 +161,20 @@ class Ascent:
         values += mdp.state_costs
         self.occupancies[cluster] = np.float32(self.rest) + mdp.settle(arrived)
         return marginals
+
+    def _present(self, cluster: int) -> Terms:
+        """Psi of a cluster as it is now."""
+        psi: dict[Goals, RealArray] = {}
+        for goals, gathered in self.gathered[cluster].items():
+            psi[goals] = gathered - self.means[goals]
+        return self._terms(cluster, psi)
+
+    def settled(self, cluster: int, tolerance: float) -> FloatArray:
+        """W of a cluster under psi, as near as single precision lets it come or a tolerance."""
+        mdp = self.mdps[cluster]
+        costs = mdp.costs(self._present(cluster))
+        values, bounds = value_iteration(mdp, costs, self.values[cluster], tolerance / self.unit)
+        return self.unit * (values.astype(np.float64) + bounds.lowest)
 
     def _terms(self, cluster: int, psi: dict[Goals, RealArray]) -> Terms:
         """Psi of some goals as terms of a cluster's costs."""

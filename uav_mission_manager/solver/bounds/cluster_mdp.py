@@ -89,6 +89,7 @@ class ClusterMdp:
         self.arrivals = sorted({arrival for here in found for arrival in here})
         numbers = {arrival: number for number, arrival in enumerate(self.arrivals)}
         self.leads = np.array([[numbers[arrival] for arrival in here] for here in found])
+        self._merges = [self._merge(here) for here in self.leads]
         self._exogenous = [self._threats_and_faults(arrival) for arrival in self.arrivals]
         # The matrices of x, the largest by far, depend on the regime and the slot alone.
         matrices = self._matrices()
@@ -132,6 +133,11 @@ class ClusterMdp:
             [Arrival(*map(int, arrival)) for arrival in zip(*here)]
             for here in zip(reduced.regimes.T, reduced.landings.T, slots.T)
         ]
+
+    def _merge(self, leads: IntArray) -> tuple[IntArray, RealArray]:
+        """Arrivals from a cell, and the matrix that sums over the actions that lead to each."""
+        numbers, positions = np.unique(leads, return_inverse=True)
+        return numbers, self._array((np.arange(len(numbers))[:, None] == positions) * 1.0)
 
     def _threats_and_faults(self, arrival: Arrival) -> RealArray:
         """Discounted P(t', f' | t, f), (24, 24)."""
@@ -200,8 +206,7 @@ class ClusterMdp:
 
         With `settle` the adjoint of the expectation.
         """
-        numbers, positions = np.unique(self.leads[cell], return_inverse=True)
-        merge = (np.arange(len(numbers))[:, None] == positions).astype(self.dtype)
+        numbers, merge = self._merges[cell]
         arrived[numbers] += (merge @ mass.reshape(len(mass), -1)).reshape(-1, *self.shape[1:])
 
     def settle(self, arrived: RealArray) -> RealArray:

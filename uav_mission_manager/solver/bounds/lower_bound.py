@@ -96,7 +96,8 @@ def lower_bound(
         Goals, from 0, of each cluster: as many in each, every goal in at least one. A cluster of
         all goals gives V* itself; others are then left out.
     iterations : int, optional
-        Steps of the ascent; 0 leaves the even split. By default 6 / (1 - discount).
+        Steps of the ascent; 0 leaves the even split. By default 6 / (1 - discount), or up to twice
+        as many where they take little time.
     tolerance : float
         How far value iteration may stay below the clusters' optima, all together, relative to the
         mean of their sum.
@@ -114,12 +115,13 @@ def lower_bound(
         If the memory does not suffice.
     """
     members = _members(clusters, mission.k)
-    iterations = default_steps(mission) if iterations is None else iterations
+    shared = [tuple(goals) for goals in members.tolist()]
+    iterations = default_steps(mission, shared) if iterations is None else iterations
     if iterations < 0:
         raise ValueError(f'iterations {iterations} must not be below 0')
     if not tolerance > 0:
         raise ValueError(f'tolerance {tolerance} must be above 0')
-    check_memory(mission, [tuple(goals) for goals in members.tolist()])
+    check_memory(mission, shared)
     with single_threaded_blas():
         threads = threads or processors()
         bound = _climbed(mission, members, iterations, tolerance, threads, progress)
@@ -174,9 +176,8 @@ def _power_of_two(value: float) -> float:
 def _proven(ascent: Ascent, cluster: int, psi: Terms, tolerance: float) -> RealArray:
     """Lower bound on a cluster's W under psi, (q, 6^n, 24)."""
     mdp = ClusterMdp(ascent.mdps[cluster].sub, np.float64)
-    start = ascent.unit * ascent.values[cluster].astype(np.float64)
     allowed = tolerance * ascent.unit * ascent.mean / len(ascent.mdps)
-    return proven_values(mdp, mdp.costs(psi), start, allowed)
+    return proven_values(mdp, mdp.costs(psi), ascent.settled(cluster, allowed), allowed)
 
 
 def _mean(tables: Sequence[RealArray]) -> float:
