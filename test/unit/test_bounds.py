@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from strategies import case_study, missions, pick_states
 
 from uav_mission_manager.mdp import StateSpace, mission_from_dict
-from uav_mission_manager.solver.bounds import covering, lower_bound
+from uav_mission_manager.solver import memory
+from uav_mission_manager.solver.bounds import bound_bytes, covering, lower_bound
 from uav_mission_manager.solver.bounds.ascent import Ascent
 from uav_mission_manager.solver.bounds.cluster_mdp import ClusterMdp
 from uav_mission_manager.solver.exact import AxisModel, value_iteration
@@ -251,7 +252,7 @@ def test_estimate_of_memory(monkeypatch):
     triples, pairs = (list(itertools.combinations(range(6), n)) for n in (3, 2))
     assert bound_bytes(mission, pairs) < bound_bytes(mission, triples)
     assert bound_bytes(mission, triples[:10]) < bound_bytes(mission, triples)
-    monkeypatch.setattr(memory, 'SMALL', 0)
+    monkeypatch.setattr(memory, 'SMALL_BYTES', 0)
     monkeypatch.setattr(memory, 'available_bytes', lambda: 1 << 20)
     with pytest.raises(memory.MissionSizeError, match='build without a certificate') as error:
         lower_bound(mission, triples)

@@ -67,8 +67,8 @@ def covering(mission: Mission, max_states: int) -> list[Goals]:
     for n in range(min(LARGEST_CLUSTER, k), 0, -1):
         work = _entries(mission, n) * FEWEST_HORIZONS / (1 - mission.discount)
         count = min(int(WORK_ENTRIES / work), math.comb(k, n))
-        if n == 1 or (n == k and state_count(n, q, 8) <= max_states):
-            return [tuple(range(n))] if n == k else [(j,) for j in range(k)]
+        if n == 1:
+            return [(j,) for j in range(k)]
         if state_count(n, q, 8) <= max_states and count >= min(k, math.comb(k, n)):
             break
     chosen = _spread(coupling, n, count)
