@@ -257,10 +257,14 @@ class _Fit:
                 fits = [best] if fitted is None else [best, fitted]
                 return min(fits, key=lambda fit: (not fit.converged, fit.fresh_residual))
             best = fitted
-            settled = best is not None and best.converged and best.fresh_residual <= trusted
-            if settled or is_complete(self.mission):
+            if is_complete(self.mission) or (best is not None and self._is_final(best, trusted)):
                 break
         return best
+
+    def _is_final(self, fitted: Expansion, trusted: float) -> bool:
+        """Whether it is trusted, or all sweeps are spent."""
+        spent = fitted.iterations >= self.max_iterations
+        return spent or (fitted.converged and fitted.fresh_residual <= trusted)
 
     def in_points(
         self, clusters: Clusters, x: IntArray, start: Expansion | None
@@ -275,7 +279,7 @@ class _Fit:
         backup = DesignBackup(basis, x, self.dtype)
         fit = LeastSquares(basis, x, self.dtype)
         present: RealArray = theta @ fit.now
-        last, changes, steps = iterations + self.max_iterations, list[float](), Extrapolation()
+        changes, steps = list[float](), Extrapolation()
         while True:
             values = backup(theta)
             bounds, change = _bounds(self.mission, values, present)
@@ -288,7 +292,7 @@ class _Fit:
             fitted = fit(values)
             fitted[..., 0] += self.dtype.type(bounds.middle)
             stalled = min(changes) < min(changes[-STALLED_SWEEPS:])
-            if converged or stalled or iterations == last:
+            if converged or stalled or iterations >= self.max_iterations:
                 break
             values += self.dtype.type(bounds.middle)
             theta, present = steps(theta, fitted, values)
