@@ -209,5 +209,7 @@ class Ros:
         """End every process and this node."""
         for process in self.processes:
             process.kill()
+        # An executor that still waits for what a node is made of can crash its destruction.
+        self.executor.shutdown()
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)

@@ -48,14 +48,13 @@ def run_node(
         print(_help(node_class, table))
         return 0
     rclpy.init(args=args)
-    node = None
+    node, executor = None, SingleThreadedExecutor()
     try:
         try:
             node = node_class()
         except START_ERRORS as error:
             get_logger(node_class.__name__).fatal(str(error))
             return 1
-        executor = SingleThreadedExecutor()
         executor.add_node(node)
         # A signal can slip in just before `spin` starts to wait, and a node without timers would
         # then wait for ever: look again every now and then.
@@ -70,6 +69,8 @@ def run_node(
     finally:
         # `ros2 launch` passes on a Ctrl-C that the terminal has sent here already.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+        # First: an executor that still waits for what a node is made of can crash its destruction.
+        executor.shutdown()
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()

@@ -112,6 +112,7 @@ def _fly(
             failure = _play(script(flight), flight, stack, executor)
             achieved = len(flight.asked & set(flight.completed))
             seconds = time.monotonic() - start
+            executor.remove_node(flight)
             flight.close()
         return FlightResult(title, failure, len(flight.asked), achieved, flight.home, seconds)
     finally:
