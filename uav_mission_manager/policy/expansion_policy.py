@@ -68,6 +68,7 @@ class ExpansionPolicy(Policy):
             'iterations': [expansion.iterations],
             'residual': expansion.spread / 2,
             'converged': expansion.converged,
+            'fresh_residual': expansion.fresh_residual,
         }
 
     def look_up(self, rows: IntArray) -> FloatArray:
@@ -77,6 +78,11 @@ class ExpansionPolicy(Policy):
     def estimate(self, least: FloatArray, sums: FloatArray) -> FloatArray:
         """V', to which the certificate's offset is added, of the least Q and the lower bound."""
         return np.maximum(least, sums)
+
+    @property
+    def estimate_rounding(self) -> float:
+        """By how much rounding may change V' from one look-up of a state to the next, at most."""
+        return self._look_ahead.rounding
 
     @property
     def parts(self) -> list[tuple[int, ...]]:

@@ -39,7 +39,8 @@ SOLUTION_ARRAYS = {'value': ('float64', 'float32'), 'actions': ('uint8',)}
 HASH_CHUNK_BYTES = 1 << 20
 """Bytes of a file that are hashed at a time: 1 MiB, a choice."""
 
-EXPANSION_FIELDS = ('points', 'iterations', 'spread', 'converged')
+FLOAT_TYPES = ('float32', 'float64')
+EXPANSION_FIELDS = ('points', 'iterations', 'spread', 'converged', 'fresh_residual')
 """Attributes of an expansion that its manifest holds."""
 
 SOLUTION_FIELDS = ('lower', 'upper', 'residual', 'iterations', 'converged')
@@ -207,14 +208,14 @@ def _read_expansion(directory: Path, mission: Mission, part: dict[str, Any]) -> 
     ]
     clusters = Clusters(tuple(groups))
     shape = mission.grid.q, 3, 8, clusters.features
-    theta = _read_array(directory, part['theta'], shape, ('float32',))
+    theta = _read_array(directory, part['theta'], shape, FLOAT_TYPES)
     return Expansion(mission, clusters, theta, **{name: part[name] for name in EXPANSION_FIELDS})
 
 
 def _read_certificate(directory: Path, mission: Mission, part: dict[str, Any]) -> Certificate:
     clusters = np.array(part['clusters'])
     shape = len(clusters), mission.grid.q, 3, 8, *(6,) * clusters.shape[1]
-    tables = _read_array(directory, part['tables'], shape, ('float32',))
+    tables = _read_array(directory, part['tables'], shape, FLOAT_TYPES)
     bound = LowerBound(mission, clusters, tables)
     numbers = {name: part[name] for name in part if name not in ('clusters', 'tables')}
     return Certificate(bound, **numbers)

@@ -98,6 +98,10 @@ class ReducedMission:
         self.goal_costs = sub.goal_costs.reshape(sub.n, X_VALUES)
         self.fault_costs, self.travel = sub.fault_costs, sub.travel_costs
         self._savings = sub.commitment_savings.reshape(sub.n, X_VALUES)
+        # c to a slot; the last one is that of commitments which save nothing here.
+        self._slot_of_commitment = np.full(mission.k + 1, -1)
+        self._slot_of_commitment[np.array(sub.goals, int) + 1] = np.arange(sub.n)
+        self._savings_or_none = np.vstack([self._savings, np.zeros(X_VALUES)])
         self.saving = mission.discount * _expected(self.goals[:2], self._savings)
         by_mode = sub.threat_costs.T[:, None]
         self.price = mission.discount * _expected(self.threat, by_mode)
@@ -150,10 +154,9 @@ class ReducedMission:
     def mode_costs(self, states: IntArray) -> FloatArray:
         """V - W = p(t, m) - [c > 0] eta_c g_c r_c of global states, shape (N,)."""
         s, x = self.split(states), self.x(states)
-        out = self.sub.threat_costs[s.t, s.m]
-        for slot, goal in enumerate(self.sub.goals):
-            out = out - (s.c == goal + 1) * self._savings[slot, x[:, slot]]
-        return out
+        slot = self._slot_of_commitment[s.c]
+        saved = self._savings_or_none[slot, x[np.arange(len(x)), slot]] if self.n else 0.0
+        return np.asarray(self.sub.threat_costs[s.t, s.m] - saved)
 
     def state_costs(self, states: IntArray) -> FloatArray:
         """J(s, a) - h(a, l) of global states, shape (N,)."""

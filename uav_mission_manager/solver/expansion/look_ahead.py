@@ -28,14 +28,16 @@ class _Departure:
         What an epoch may do to the goals: the regimes first, then the completions.
     functions : float array (outcomes, k, 6, functions)
         E of the functions of the x_j' after each.
-    actions, landings : list of int array
-        Actions of each outcome, and where they lead.
+    actions : list of int array
+        Actions of each outcome.
+    landings : list of (int array, int array)
+        The different cells that those lead to, and the position of each action's among them.
     """
 
     outcomes: list[Outcome]
     functions: RealArray
     actions: list[IndexArray]
-    landings: list[IndexArray]
+    landings: list[tuple[IndexArray, IndexArray]]
 
 
 class ExpansionLookAhead:
@@ -87,15 +89,29 @@ class ExpansionLookAhead:
         costs = reduced.goal_costs[np.arange(reduced.n), x].sum(axis=1)
         return q + (costs + reduced.mode_costs(states))[:, None]
 
+    @property
+    def rounding(self) -> float:
+        """By how much Q of one state may differ between two look-ups, at most.
+
+        The rounding of a sum of P products depends on what else is looked up with it. For
+        missions of few goals only: all x are gone through.
+        """
+        n, size = self.reduced.n, self.basis.size
+        x = np.indices((X_VALUES,) * n).reshape(n, -1).T
+        largest = np.abs(self.basis.now(x, np.float64)).max(axis=1)
+        magnitude = float((np.abs(self.theta) * largest).sum(axis=-1).max())
+        return (size + 8) * float(np.finfo(self.theta.dtype).eps) * magnitude
+
     def _expected(self, cell: int, t: int, f: int, x: IntArray) -> FloatArray:
         """Discounted E[W(s')] of each action from one cell, t and f: (A, N)."""
         departure, completion = self._departures[cell], float(self.reduced.completion[f])
         out = np.empty((len(self._actions), len(x)))
         features = self.basis.features(departure.functions, x)
-        for (regime, goal), actions, landings, feature in zip(
+        for (regime, goal), actions, (cells, back), feature in zip(
             departure.outcomes, departure.actions, departure.landings, features
         ):
-            expected = self.tables[regime][t, f].take(landings, axis=0) @ feature
+            # Each cell once: equal rows of a matrix product need not be rounded alike.
+            expected = (self.tables[regime][t, f].take(cells, axis=0) @ feature)[back]
             if goal is not None:
                 before = out[actions]
                 expected = before + completion * (expected - before)
@@ -112,7 +128,8 @@ def _departure(basis: Basis, cell: int, dtype: DTypeLike) -> _Departure:
         outcomes.append((int(regimes[action]), int(reduced.slots[action])))
         actions.append(np.array([action]))
     functions = basis.functions_after(outcomes).astype(dtype)
-    return _Departure(outcomes, functions, actions, [landings[chosen] for chosen in actions])
+    different = [np.unique(landings[chosen], return_inverse=True) for chosen in actions]
+    return _Departure(outcomes, functions, actions, different)
 
 
 def _by_level(theta: RealArray, dtype: DTypeLike) -> RealArray:
