@@ -28,7 +28,7 @@ ROOMS = {
     'ground floor': set(),
     'exact': {'ground floor'},
     'decomposition': {'ground floor'},
-    'bounds': {'ground floor'},
+    'bounds': {'ground floor', 'decomposition'},
     'expansion': {'ground floor', 'decomposition'},
     'recombination': {'ground floor', 'exact'},
     'evaluation': {'ground floor', 'exact', 'recombination'},

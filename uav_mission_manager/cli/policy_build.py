@@ -165,6 +165,7 @@ def _describe(policy: Policy, summary: dict[str, Any]) -> str:
     ]
     if policy.reason:
         lines.insert(1, f'  why         {policy.reason}')
+    lines += [f'WARNING: {warning}' for warning in policy.warnings]
     return '\n'.join(lines)
 
 

@@ -75,7 +75,9 @@ def _evaluated(policy: Policy, bound: LowerBound) -> Certificate:
         _mean(_gaps(evaluation.state_values(states), bound.values(states)))
         for states in (even, flown)
     ]
-    return Certificate(bound, offset, 1.0, 1.0, *gaps[0], *gaps[1])
+    every_gap = _gaps(evaluation.state_values(every), bound.values(every))
+    largest = float(every_gap.max()) if np.isfinite(every_gap).all() else None
+    return Certificate(bound, offset, 1.0, 1.0, *gaps[0], *gaps[1], largest)
 
 
 def _simulated(policy: Policy, bound: LowerBound, workers: Workers) -> Certificate:
@@ -94,7 +96,9 @@ def _simulated(policy: Policy, bound: LowerBound, workers: Workers) -> Certifica
         _mean(_gaps(values, bound.values(states)))
         for values, states in zip(np.split(mean, 2), (even, flown))
     ]
-    return Certificate(bound, offset, coverage, 1 - 2 * FAILURE_PROBABILITY, *gaps[0], *gaps[1])
+    return Certificate(
+        bound, offset, coverage, 1 - 2 * FAILURE_PROBABILITY, *gaps[0], *gaps[1], None
+    )
 
 
 def _offset(policy: Policy, bound: LowerBound, states: IntArray, above: FloatArray) -> float:

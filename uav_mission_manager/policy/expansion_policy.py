@@ -71,6 +71,12 @@ class ExpansionPolicy(Policy):
             'fresh_residual': expansion.fresh_residual,
         }
 
+    @property
+    def warnings(self) -> list[str]:
+        """What a user must know of the policy before it is flown, a line each."""
+        fit = [self.expansion.warning] if self.expansion.warning else []
+        return fit + super().warnings
+
     def look_up(self, rows: IntArray) -> FloatArray:
         """Q(s, a) of valid states (N, 2k+5), shape (N, 2k+4); inf where not allowed."""
         return self._look_ahead.q_values(rows)

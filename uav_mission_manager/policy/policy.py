@@ -109,6 +109,12 @@ class Policy(ABC):
         return None
 
     @property
+    def warnings(self) -> list[str]:
+        """What a user must know of the policy before it is flown, a line each."""
+        certificate = self.certificate
+        return [certificate.warning] if certificate and certificate.warning else []
+
+    @property
     def info(self) -> dict[str, Any]:
         """What is known of the policy: sizes, sweeps, residual, bounds."""
         return {
