@@ -26,7 +26,7 @@ from uav_mission_manager.solver.expansion.basis import Basis, Outcome
 BLOCK_POINTS = 512
 """Design points of a block: measured, from here on matrix products are at full speed."""
 
-Arrival = tuple[int, int]
+RegimeAndCell = tuple[int, int]
 """Regime and cell."""
 
 Coefficients = dict[int, RealArray]
@@ -114,7 +114,7 @@ class _Block:
         self.price = reduced.price[..., None, None].astype(dtype)
         self.completion = reduced.completion[:, None].astype(dtype)
         self.members = [positions for positions, _ in basis.of_goals]
-        self.arrivals: list[dict[Arrival, RealArray]] = []
+        self.arrivals: list[dict[RegimeAndCell, RealArray]] = []
         self.completions: list[list[_Completion]] = []
         for cell in range(reduced.q):
             costs = reduced.action_costs(cell, x).astype(dtype)
@@ -155,10 +155,10 @@ class _Block:
         gained = part.reshape(-1, part.shape[-1]) @ completion.gains
         return self.completion * gained.reshape(*part.shape[:2], -1)
 
-    def _arrivals(self, cell: int, costs: RealArray) -> dict[Arrival, RealArray]:
+    def _arrivals(self, cell: int, costs: RealArray) -> dict[RegimeAndCell, RealArray]:
         """Least cost (8, m) of the actions of each arrival from a cell, nothing completed."""
         reduced = self.reduced
-        arrivals: dict[Arrival, list[int]] = {}
+        arrivals: dict[RegimeAndCell, list[int]] = {}
         for action in np.flatnonzero(~reduced.completes[:, cell]).tolist():
             regime, landing = reduced.regimes[action, cell], reduced.landings[action, cell]
             arrivals.setdefault((int(regime), int(landing)), []).append(action)

@@ -10,7 +10,8 @@ REMEMBERED_SWEEPS = 2
 """Earlier sweeps that a step is extrapolated from. Measured: two save 25 to 45 % of all sweeps,
 four hardly more."""
 
-TINY = float(np.finfo(np.float32).tiny)
+SMALLEST_SINGLE = float(np.finfo(np.float32).tiny)
+"""Least normal number of single precision: keeps a division by nothing finite."""
 
 
 class Extrapolation:
@@ -47,7 +48,9 @@ class Extrapolation:
             steps = np.diff(changes, axis=0)
             products = steps @ steps.T
             # Nearly parallel steps would be given large weights.
-            products[np.diag_indices_from(products)] += 1e-10 * np.trace(products) + TINY
+            products[np.diag_indices_from(products)] += (
+                1e-10 * np.trace(products) + SMALLEST_SINGLE
+            )
             shares = np.linalg.solve(products, steps @ changes[-1])
             weights[1:] -= shares
             weights[:-1] += shares

@@ -35,7 +35,11 @@ from uav_mission_manager.solver.expansion.design import (
     is_complete,
 )
 from uav_mission_manager.solver.expansion.design_backup import BLOCK_POINTS, DesignBackup
-from uav_mission_manager.solver.expansion.extrapolation import REMEMBERED_SWEEPS, Extrapolation
+from uav_mission_manager.solver.expansion.extrapolation import (
+    REMEMBERED_SWEEPS,
+    SMALLEST_SINGLE,
+    Extrapolation,
+)
 from uav_mission_manager.solver.expansion.least_squares import LeastSquares
 from uav_mission_manager.solver.progress import Progress, Report, ignore, share_of_decades
 from uav_mission_manager.solver.reduced import X_VALUES, ReducedMission, goal_order
@@ -79,8 +83,6 @@ SINGLE_PRECISION_CHANGE = 1e-5
 
 SINGLE_PRECISION_SCALE = 1e25
 """Costs above this, and below its inverse, leave the range of single precision in a fit."""
-
-TINY = float(np.finfo(np.float32).tiny)
 
 
 @dataclass(frozen=True)
@@ -313,7 +315,7 @@ def _bounds(mission: Mission, values: RealArray, present: RealArray) -> tuple[Sp
     """Bounds from a backup, and their span relative to the largest value."""
     change = values - present
     bounds = SpanBounds(float(change.min()), float(change.max()), mission.discount)
-    return bounds, bounds.span / max(float(np.abs(values).max()), TINY)
+    return bounds, bounds.span / max(float(np.abs(values).max()), SMALLEST_SINGLE)
 
 
 def _fresh_residual(basis: Basis, theta: RealArray, backup: DesignBackup, x: IntArray) -> float:
