@@ -38,9 +38,6 @@ MODULES = sorted((ROOT / PACKAGE).glob('*/**/*.py'))
 PLAYS_ONE_PART = {'main', 'PARAMETERS'}
 """Names that say a part which many modules play: a command's, and a node's parameters."""
 
-NOT_YET_UNIQUE = {'Arrival', 'TINY', 'check_memory', 'value_iteration'}
-"""Names that may still stand in several modules."""
-
 
 def imports(path: Path) -> set[str]:
     """Return the full names of all that the module at `path` imports, also inside functions."""
@@ -174,7 +171,7 @@ def names_of_two_things(paths: list[Path]) -> dict[str, list[str]]:
 def test_every_public_name_is_of_one_thing():
     paths = sorted((ROOT / PACKAGE).rglob('*.py'))
     found = names_of_two_things(paths)
-    assert {name: found[name] for name in found.keys() - NOT_YET_UNIQUE} == {}
+    assert found == {}
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ from typing import Any
 
 from uav_mission_manager.solver.bounds import LowerBound
 
-
 LARGE_MEAN_GAP = 0.15
 """Mean gap above which a certificate warns; a choice: twice that of ten goals."""
 

@@ -56,6 +56,10 @@ FAILURE_PROBABILITY = 0.01
 choice."""
 
 
+MeanGap = tuple[float, float] | tuple[None, None]
+"""Mean of a gap and its standard error; None where one of the gaps is not finite."""
+
+
 def certify(policy: Policy, bound: LowerBound, workers: Workers) -> Certificate:
     """Bound the cost of a policy from above and compare it with a bound from below."""
     # What best_value does depends on c, which tables over W lack.
@@ -77,7 +81,7 @@ def _evaluated(policy: Policy, bound: LowerBound) -> Certificate:
     ]
     every_gap = _gaps(evaluation.state_values(every), bound.values(every))
     largest = float(every_gap.max()) if np.isfinite(every_gap).all() else None
-    return Certificate(bound, offset, 1.0, 1.0, *gaps[0], *gaps[1], largest)
+    return _certificate(bound, offset, 1.0, 1.0, gaps, largest)
 
 
 def _simulated(policy: Policy, bound: LowerBound, workers: Workers) -> Certificate:
@@ -96,8 +100,28 @@ def _simulated(policy: Policy, bound: LowerBound, workers: Workers) -> Certifica
         _mean(_gaps(values, bound.values(states)))
         for values, states in zip(np.split(mean, 2), (even, flown))
     ]
+    return _certificate(bound, offset, coverage, 1 - 2 * FAILURE_PROBABILITY, gaps, None)
+
+
+def _certificate(
+    bound: LowerBound,
+    offset: float,
+    coverage: float,
+    confidence: float,
+    gaps: list[MeanGap],
+    largest_gap: float | None,
+) -> Certificate:
+    (gap, gap_error), (flown_gap, flown_gap_error) = gaps
     return Certificate(
-        bound, offset, coverage, 1 - 2 * FAILURE_PROBABILITY, *gaps[0], *gaps[1], None
+        bound=bound,
+        offset=offset,
+        coverage=coverage,
+        confidence=confidence,
+        gap=gap,
+        gap_error=gap_error,
+        flown_gap=flown_gap,
+        flown_gap_error=flown_gap_error,
+        largest_gap=largest_gap,
     )
 
 
@@ -128,7 +152,7 @@ def _gaps(above: FloatArray, below: FloatArray) -> FloatArray:
     return gaps
 
 
-def _mean(gaps: FloatArray) -> tuple[float, float] | tuple[None, None]:
+def _mean(gaps: FloatArray) -> MeanGap:
     if not np.isfinite(gaps).all():
         return None, None
     return float(np.mean(gaps)), float(np.std(gaps) / np.sqrt(len(gaps)))

@@ -25,7 +25,7 @@ from uav_mission_manager.solver.bounds.cluster_mdp import (
     ClusterMdp,
     Slots,
     Terms,
-    value_iteration,
+    swept_values,
 )
 from uav_mission_manager.solver.reduced import X_VALUES
 from uav_mission_manager.solver.submdp import SubMdp
@@ -112,7 +112,7 @@ class Ascent:
         zero, costs = np.zeros(mdp.shape, np.float32), mdp.costs({})
         first, bounds = mdp.sweep(zero, costs)
         tolerance = START_TOLERANCE * bounds.gain * float(np.abs(first).max())
-        values, bounds = value_iteration(mdp, costs, first, tolerance)
+        values, bounds = swept_values(mdp, costs, first, tolerance)
         return np.asarray(values + np.float32(bounds.lowest))
 
     def climb(self, done: float) -> None:
@@ -173,7 +173,7 @@ class Ascent:
         """W of a cluster under psi, as near as single precision lets it come or a tolerance."""
         mdp = self.mdps[cluster]
         costs = mdp.costs(self._present(cluster))
-        values, bounds = value_iteration(mdp, costs, self.values[cluster], tolerance / self.unit)
+        values, bounds = swept_values(mdp, costs, self.values[cluster], tolerance / self.unit)
         return self.unit * (values.astype(np.float64) + bounds.lowest)
 
     def _terms(self, cluster: int, psi: dict[Goals, RealArray]) -> Terms:

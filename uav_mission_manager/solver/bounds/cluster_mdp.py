@@ -222,7 +222,7 @@ class ClusterMdp:
         return mass
 
 
-def value_iteration(
+def swept_values(
     mdp: ClusterMdp, costs: Sequence[RealArray], values: RealArray, tolerance: float
 ) -> tuple[RealArray, SpanBounds]:
     """Sweep until the bounds are as close as a tolerance or rounding keeps them apart."""
@@ -250,7 +250,7 @@ def proven_values(
     tolerance : float
         Largest distance from the upper bound, but for rounding.
     """
-    values, bounds = value_iteration(mdp, costs, values, tolerance)
+    values, bounds = swept_values(mdp, costs, values, tolerance)
     largest = sum(_largest(table) for table in (mdp.state_costs, values, *costs))
     rounding = (ROUNDINGS_A_BACKUP + mdp.shape[1]) * np.finfo(np.float64).eps + mdp.defect
     return values + (bounds.lowest - bounds.accumulated(rounding * largest))

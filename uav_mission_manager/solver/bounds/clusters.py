@@ -107,7 +107,7 @@ def bound_bytes(mission: Mission, clusters: Sequence[Goals]) -> int:
     return 4 * (psi + 4 * sum(tables) + moves + working)
 
 
-def check_memory(mission: Mission, clusters: Sequence[Goals]) -> None:
+def check_bound_memory(mission: Mission, clusters: Sequence[Goals]) -> None:
     """Raise `MissionSizeError` where a lower bound from these clusters does not fit."""
     needed = bound_bytes(mission, clusters)
     if not memory.fits(needed):

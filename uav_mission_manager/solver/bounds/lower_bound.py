@@ -27,7 +27,7 @@ from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.mdp.states import StateSpace
 from uav_mission_manager.solver.bounds.ascent import Ascent, each
 from uav_mission_manager.solver.bounds.cluster_mdp import ClusterMdp, Terms, proven_values
-from uav_mission_manager.solver.bounds.clusters import check_memory, default_steps
+from uav_mission_manager.solver.bounds.clusters import check_bound_memory, default_steps
 from uav_mission_manager.solver.progress import Progress, Report, ignore
 from uav_mission_manager.solver.reduced import X_VALUES, ReducedMission
 from uav_mission_manager.solver.submdp import shared_sub_mdps, whole_mission
@@ -121,7 +121,7 @@ def lower_bound(
         raise ValueError(f'iterations {iterations} must not be below 0')
     if not tolerance > 0:
         raise ValueError(f'tolerance {tolerance} must be above 0')
-    check_memory(mission, shared)
+    check_bound_memory(mission, shared)
     with single_threaded_blas():
         threads = threads or processors()
         bound = _climbed(mission, members, iterations, tolerance, threads, progress)
