@@ -8,6 +8,7 @@ import numpy as np
 
 from uav_mission_manager.mdp.arrays import IntArray
 from uav_mission_manager.mdp.mission import Mission
+from uav_mission_manager.mdp.states import StateSpace
 from uav_mission_manager.solver.evaluation.simulation import Simulator
 
 
@@ -17,10 +18,11 @@ def starts_at_base(mission: Mission, count: int, rng: np.random.Generator) -> In
     At base, nominal, every goal in range, no commitment, no threat, normal mode; priorities are
     drawn evenly.
     """
-    k = mission.k
-    states = np.zeros((count, 2 * k + 5), np.int64)
-    states[:, : 1 + k], states[:, -4] = 1, mission.grid.base
-    states[:, 1 + k : 1 + 2 * k] = rng.integers(0, 3, (count, k))
+    space = StateSpace(mission.k, mission.grid.q)
+    states = np.zeros((count, len(space.shape)), np.int64)
+    s = space.split(states)
+    s.f[:], s.r[:], s.l[:] = 1, 1, mission.grid.base
+    s.g[:] = rng.integers(0, 3, s.g.shape)
     return states
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uav_mission_manager.mdp.arrays import FloatArray, IntArray, RealArray
+from uav_mission_manager.mdp.states import StateSpace
 from uav_mission_manager.solver.exact.axis_model import AxisModel
 from uav_mission_manager.solver.exact.memory import check_memory
 from uav_mission_manager.solver.exact.sweep import ActionTable, Sweeper
@@ -58,14 +59,16 @@ def representatives(sub: SubMdp, entries: ArrayLike | None = None) -> IntArray:
 
     Shape (N, 2k+5). c = 0 and m = 0; goals not tracked are achieved and out of range.
     """
-    n, k, q = sub.n, sub.mission.k, sub.mission.grid.q
+    n, q = sub.n, sub.mission.grid.q
     chosen = np.arange(sub.entries) if entries is None else np.asarray(entries)
     digits = np.unravel_index(chosen, (q, 3, *(3,) * n, 8, *(2,) * n))
     cell, t, g, f, r = digits[0], digits[1], digits[2 : 2 + n], digits[2 + n], digits[3 + n :]
-    states = np.zeros((len(chosen), 2 * k + 5), np.int64)
+    space = StateSpace(sub.mission.k, q)
+    states = np.zeros((len(chosen), len(space.shape)), np.int64)
+    s = space.split(states)
     for j, flags, levels in zip(sub.goals, r, g):
-        states[:, 1 + j], states[:, 1 + k + j] = flags, levels
-    states[:, 0], states[:, -4], states[:, -2] = f + 1, cell, t
+        s.r[:, j], s.g[:, j] = flags, levels
+    s.f[:], s.l[:], s.t[:] = f + 1, cell, t
     return states
 
 

@@ -218,7 +218,7 @@ class Sweeper:
         return numbers
 
     def expect(self) -> None:
-        """Take the expectation of W over t' and g', the first half of a backup."""
+        """Take the expectation of W over t' and g'."""
 
         def fill(worker: int, block: tuple[int, int]) -> None:
             run_steps(self.exogenous[worker].steps(self.values, self.expected, *block))
