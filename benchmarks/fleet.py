@@ -98,20 +98,20 @@ Fleets of one to eight UAVs share the goals of a mission. They start at the base
 charged, with priorities drawn evenly. A goal is achieved by whichever UAV completes it. An epoch
 costs
 
-    sum over goals of eta_j g_j R_j (1 - C_j) + delta_j g_j (1 - R_j)
+    sum over goals of eta_j g_j reached_j (1 - covered_j) + delta_j g_j (1 - reached_j)
     + sum over UAVs of h + phi(f) + p(t, m) + (beta/k) sum_j (1 - r_j).
 
-R_j = 1 where some UAV has goal j in range, and C_j = 1 where one that has is committed to it. For
-one UAV this is the mission's stage cost. The tables show the mean discounted cost of {EPOCHS}
-epochs of {FLEETS} fleets. All meet with the same random numbers, however they decide.
+reached_j = 1 where some UAV has goal j in range, and covered_j = 1 where one that has is committed
+to it. For one UAV this is the mission's stage cost. The tables show the mean
+discounted cost of {EPOCHS} epochs of {FLEETS} fleets. All assignments are simulated with the same random numbers.
 
 - *As printed*: the loops of the paper's Algorithm 2. All agents are in the queue of every goal,
   and no goal is ever complete (C_j^min = inf), so all UAVs fly to the goal of highest priority.
 - *Queue*: E_j and C_j follow each agent that joins, with C_j^min = {FleetRules().threshold}. The
   next agent goes to the first goal of the ranked list that is still open. Beside it the same with
-  C_j^min = 0.5: UAVs that are far away count for less, so more of them are sent.
-- *Optimal*: the same goals are open or complete, but agents are matched to them by the largest sum
-  of gains, by `scipy.optimize.linear_sum_assignment`. A gain is the cost of being idle for a goal
+  C_j^min = 0.5: a distant UAV adds less to E_j, so more of them are sent.
+- *Optimal*: which goals are open is decided as with the queue, but agents are matched to them by
+  the largest sum of gains, by `scipy.optimize.linear_sum_assignment`. A gain is the cost of being idle for a goal
   less that of pursuing it.
 
 *Saved* is what the optimal assignment saves of the cost of the better queue, with its 95 %
@@ -164,7 +164,7 @@ def _times() -> str:
 Eight UAVs, twelve goals. All sub-MDPs are solved in {1e3 * built:.0f} ms. When one goal's weight
 changes, its sub-MDP alone is solved again, in {1e3 * replanned:.1f} ms. A decision of the whole
 fleet takes {1e3 * queue:.1f} ms with the queue and {1e3 * optimal:.1f} ms with the optimal
-assignment. After new faults or priorities nothing else is needed."""
+assignment. After new faults or priorities a new decision is all that is needed."""
 
 
 def _median(work: Callable[[], object]) -> float:

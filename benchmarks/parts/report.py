@@ -225,8 +225,8 @@ def _compiled(found: Found) -> str:
     ]
     head = ['goals', 'type', 'numpy', 'compiled', 'compiling', 'same bits']
     return f"""\
-Compiled code needs no array for each step. As a trial, numba compiles the first half of a sweep,
-the expectation over t' and g' (ours includes completed goals, the trial does not):
+Compiled code needs no array for each step. As a trial, numba compiles the expectation
+over t' and g' (ours includes completed goals, the trial does not):
 
 {table(head, rows)}
 
