@@ -103,7 +103,8 @@ costs
 
 reached_j = 1 where some UAV has goal j in range, and covered_j = 1 where one that has is committed
 to it. For one UAV this is the mission's stage cost. The tables show the mean
-discounted cost of {EPOCHS} epochs of {FLEETS} fleets. All assignments are simulated with the same random numbers.
+discounted cost of {EPOCHS} epochs of {FLEETS} fleets.
+All assignments are simulated with the same random numbers.
 
 - *As printed*: the loops of the paper's Algorithm 2. All agents are in the queue of every goal,
   and no goal is ever complete (C_j^min = inf), so all UAVs fly to the goal of highest priority.
@@ -111,8 +112,8 @@ discounted cost of {EPOCHS} epochs of {FLEETS} fleets. All assignments are simul
   next agent goes to the first goal of the ranked list that is still open. Beside it the same with
   C_j^min = 0.5: a distant UAV adds less to E_j, so more of them are sent.
 - *Optimal*: which goals are open is decided as with the queue, but agents are matched to them by
-  the largest sum of gains, by `scipy.optimize.linear_sum_assignment`. A gain is the cost of being idle for a goal
-  less that of pursuing it.
+  the largest sum of gains, by `scipy.optimize.linear_sum_assignment`. A gain is the cost of
+  being idle for a goal less that of pursuing it.
 
 *Saved* is what the optimal assignment saves of the cost of the better queue, with its 95 %
 confidence interval."""
