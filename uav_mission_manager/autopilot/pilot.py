@@ -14,7 +14,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from uav_mission_manager.autopilot.task import FlightTask, Phase, PilotOutput, Settings
+from uav_mission_manager.autopilot.task import (
+    NO_HEARTBEAT,
+    FlightTask,
+    Phase,
+    PilotOutput,
+    Settings,
+)
 from uav_mission_manager.autopilot.telemetry import Position, Telemetry
 from uav_mission_manager.autopilot.vehicle import (
     Arm,
@@ -102,7 +108,7 @@ class Pilot:
             self._await_manager(now)
             if not self._seen[1]:  # on the ground it may reboot, at a change of battery say
                 self._mode = self._ordered = None
-            return PilotOutput(Phase.NO_LINK, 'no heartbeat of the autopilot')
+            return NO_HEARTBEAT
         self._watch(telemetry, now)
         if self._taken:
             return PilotOutput(Phase.PILOT, f'{self._taken}; ~/resume gives command back')

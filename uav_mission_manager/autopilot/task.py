@@ -113,3 +113,7 @@ class PilotOutput:
     requests: tuple[Request, ...] = ()
     completed: str = ''
     serviced: bool = False
+
+
+NO_HEARTBEAT = PilotOutput(Phase.NO_LINK, 'no heartbeat of the autopilot')
+"""Nothing to do, for nothing is heard: before the first heartbeat as after the last one."""

@@ -17,7 +17,12 @@ from std_srvs.srv import Trigger
 from uav_mission_manager.autopilot.faults import FIX_3D, Fault, FaultEstimator
 from uav_mission_manager.autopilot.link import AutopilotLink
 from uav_mission_manager.autopilot.pilot import NO_POSITION_TO_HOLD, Pilot
-from uav_mission_manager.autopilot.task import FlightTask, Phase, PilotOutput, Settings
+from uav_mission_manager.autopilot.task import (
+    NO_HEARTBEAT,
+    FlightTask,
+    Phase,
+    Settings,
+)
 from uav_mission_manager.autopilot.telemetry import Telemetry, forget, update
 from uav_mission_manager.autopilot.vehicle import commands, mode_name
 from uav_mission_manager.mdp import FAULT_MODES, Action, ActionKind, Mission, Origin, load_mission
@@ -125,7 +130,7 @@ class MavlinkBridge(Node):
             timeout=p.link_timeout,
         )
         self._telemetry = Telemetry()
-        self._step = PilotOutput(Phase.NO_LINK, 'no heartbeat of the autopilot yet')
+        self._step = NO_HEARTBEAT
         self._pose_cell: int | None = None
         self._command = self._received = self._complaint = ''
         self._posed_at = self._commanded_at = -math.inf
