@@ -17,12 +17,7 @@ from std_srvs.srv import Trigger
 from uav_mission_manager.autopilot.faults import FIX_3D, Fault, FaultEstimator
 from uav_mission_manager.autopilot.link import AutopilotLink
 from uav_mission_manager.autopilot.pilot import NO_POSITION_TO_HOLD, Pilot
-from uav_mission_manager.autopilot.task import (
-    NO_HEARTBEAT,
-    FlightTask,
-    Phase,
-    Settings,
-)
+from uav_mission_manager.autopilot.task import NO_HEARTBEAT, FlightTask, Phase, Settings
 from uav_mission_manager.autopilot.telemetry import Telemetry, forget, update
 from uav_mission_manager.autopilot.vehicle import commands, mode_name
 from uav_mission_manager.mdp import FAULT_MODES, Action, ActionKind, Mission, Origin, load_mission
