@@ -39,6 +39,17 @@ def test_auto_keeps_to_the_memory(mission, monkeypatch):
     assert policy.reason.endswith(' of memory, 12 MiB are free')
 
 
+def test_what_fits_neither_way_says_so_of_both(mission, monkeypatch):
+    monkeypatch.setattr(memory, 'SMALL_BYTES', 0)
+    monkeypatch.setattr(memory, 'available_bytes', lambda: 1 << 10)
+    with pytest.raises(memory.MissionSizeError) as error:
+        build_policy(mission)
+    text = str(error.value)
+    assert len(text.splitlines()) == 1
+    assert 'use a lower order' in text
+    assert '; not solved exactly because the exact solution needs ' in text
+
+
 def test_auto_does_not_begin_what_cannot_end_in_time(mission, monkeypatch):
     monkeypatch.setattr(build, 'MAX_EXACT_SECONDS', 1e-9)
     policy = build_policy(mission, order=1, certificate=False)

@@ -161,7 +161,10 @@ def _auto(job: Job) -> Policy:
         else:
             policy.reason = 'exact: it fits in memory and takes less than two minutes'
             return policy
-    policy = _expansion(job)
+    try:
+        policy = _expansion(job)
+    except memory.MissionSizeError as error:
+        raise memory.MissionSizeError(f'{error}; not solved exactly because {reason}') from error
     policy.reason = f'expansion: {reason}'
     return policy
 
