@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uav_mission_manager.mdp import Mission, StateSpace, global_actions
+from uav_mission_manager.mdp import Action, Mission, StateSpace, global_actions
 from uav_mission_manager.mdp.arrays import FloatArray, IntArray
 from uav_mission_manager.policy.certificate import Certificate
 from uav_mission_manager.policy.decision import Decision, explain
@@ -177,8 +178,12 @@ class Policy(ABC):
         values = self.look_up(row)[0]
         number = int(self.choose_from(row, values[None])[0])
         bounds = (float(bound[0]) for bound in self._bounds(row, values.min(keepdims=True)))
-        actions = global_actions(self.mission)
-        return explain(self.mission, actions, row[0].tolist(), number, values, *bounds)
+        state_row = row[0].tolist()
+        return explain(self.mission, self._actions, state_row, number, values, *bounds)
+
+    @cached_property
+    def _actions(self) -> tuple[Action, ...]:
+        return global_actions(self.mission)
 
     def choose_from(self, rows: IntArray, q_values: FloatArray) -> IntArray:
         """Action numbers of valid states of which the Q values are known, shape (N,)."""
