@@ -66,7 +66,7 @@ class Certificate:
         worst = f', {largest:.0%} in the worst state' if largest else ''
         return (
             'the certificate cannot show that the policy is near the optimum: the gap is '
-            f'{max(gaps):.0%} on average{worst}; try a higher order or method exact'
+            f'{max(gaps):.0%} on average{worst}; try a higher order, or method exact if it fits'
         )
 
     def summary(self) -> dict[str, Any]:
