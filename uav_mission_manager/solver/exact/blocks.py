@@ -90,18 +90,7 @@ def solve_blocks(
         if bounds.distance <= tolerance or bounds.stalled(span) or rounds == max_rounds:
             break
         present, coming, span = coming, present, bounds.span
-    for values in coming:
-        values += bounds.middle
-    distance = bounds.distance + bounds.accumulated(model.rounding(coming))
-    return Solution(
-        sub=sub,
-        value=coming,
-        lower=-distance,
-        upper=distance,
-        residual=bounds.residual,
-        iterations=rounds,
-        converged=bounds.distance <= tolerance,
-    )
+    return Solution.at_middle(model, coming, bounds, rounds, tolerance)
 
 
 class _Block:

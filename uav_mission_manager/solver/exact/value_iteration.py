@@ -14,7 +14,7 @@ measured (docs/benchmarks.md) and gain less.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -68,6 +68,28 @@ class Solution:
     iterations: int
     converged: bool
     actions: ActionTable | None = None
+
+    @classmethod
+    def at_middle(
+        cls,
+        model: AxisModel,
+        values: RealArray,
+        bounds: SpanBounds,
+        iterations: int,
+        tolerance: float,
+    ) -> Solution:
+        """Shift W, in place, to the middle of the bounds that its last backup gives."""
+        values += values.dtype.type(bounds.middle)
+        distance = bounds.distance + bounds.accumulated(model.rounding(values))
+        return cls(
+            sub=model.sub,
+            value=values,
+            lower=-distance,
+            upper=distance,
+            residual=bounds.residual,
+            iterations=iterations,
+            converged=bounds.distance <= tolerance,
+        )
 
     @property
     def policy_loss_bound(self) -> float:
@@ -140,7 +162,8 @@ def value_iteration(
             values = None  # Not to hold two.
             bounds = sweep(sweeper, stop, last=dtype is PRECISIONS[precision][-1])
             values = sweeper.values
-    return _solution(sweeper, bounds, iterations, tolerance, with_actions)
+    solution = Solution.at_middle(model, sweeper.values, bounds, iterations, tolerance)
+    return replace(solution, actions=sweeper.greedy()) if with_actions else solution
 
 
 def sweep(
@@ -172,29 +195,6 @@ def sweep(
 
 def _start(model: AxisModel, values: RealArray | None) -> RealArray:
     return model.zero() if values is None else values.astype(model.dtype)
-
-
-def _solution(
-    sweeper: Sweeper,
-    bounds: SpanBounds,
-    iterations: int,
-    tolerance: float,
-    with_actions: bool,
-) -> Solution:
-    """W shifted to the middle of its bounds."""
-    model, values = sweeper.model, sweeper.values
-    values += values.dtype.type(bounds.middle)
-    distance = bounds.distance + bounds.accumulated(model.rounding(values))
-    return Solution(
-        sub=model.sub,
-        value=values,
-        lower=-distance,
-        upper=distance,
-        residual=bounds.residual,
-        iterations=iterations,
-        converged=bounds.distance <= tolerance,
-        actions=sweeper.greedy() if with_actions else None,
-    )
 
 
 def _check(tolerance: float, max_iterations: int, precision: str, threads: int | None) -> None:
