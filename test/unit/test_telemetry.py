@@ -78,6 +78,8 @@ def test_failsafe(state, failsafe):
         (mavlink.MAV_TYPE_QUADROTOR, 4),
         (mavlink.MAV_TYPE_HEXAROTOR, 6),
         (mavlink.MAV_TYPE_OCTOROTOR, 8),
+        (mavlink.MAV_TYPE_DECAROTOR, 10),
+        (mavlink.MAV_TYPE_DODECAROTOR, 12),
         (mavlink.MAV_TYPE_TRICOPTER, 0),
     ],
 )
@@ -172,8 +174,15 @@ def test_distance():
 
 def test_motors_of_the_main_outputs():
     telemetry = decode(servos(), servos(port=1, first=1000))
-    assert telemetry.motors == (1842, 1589, 1590, 1591, 1500, 1500, 1500, 1500)
+    assert telemetry.motors == (1842, 1589, 1590, 1591, 1500, 1500, 1500, 1500) + (0,) * 8
     assert telemetry.motors_time == 7.0
+
+
+def test_motors_of_a_frame_that_has_more_than_eight():
+    message = servos()
+    for output in range(9, 17):
+        setattr(message, f'servo{output}_raw', 1600 + output)
+    assert decode(message).motors[8:] == tuple(range(1609, 1617))
 
 
 @pytest.mark.parametrize(

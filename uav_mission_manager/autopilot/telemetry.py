@@ -31,6 +31,8 @@ MOTOR_COUNTS = {
     mavlink.MAV_TYPE_QUADROTOR: 4,
     mavlink.MAV_TYPE_HEXAROTOR: 6,
     mavlink.MAV_TYPE_OCTOROTOR: 8,
+    mavlink.MAV_TYPE_DECAROTOR: 10,
+    mavlink.MAV_TYPE_DODECAROTOR: 12,
 }
 """Number of motors by MAV_TYPE, where the motors are the first outputs."""
 
@@ -94,7 +96,7 @@ class Telemetry:
     landed : bool
         EXTENDED_SYS_STATE says on the ground.
     motors : tuple of int
-        PWM [us] of each motor, received at `motors_time` [s].
+        PWM [us] of each output, the motors first, received at `motors_time` [s]; 0 not sent.
     received : mapping of str to float
         When each message was received last [s].
     """
@@ -199,7 +201,7 @@ def _global_position(message: Any, now: float) -> dict[str, Any]:
 def _servo_output(message: Any, now: float) -> dict[str, Any]:
     if message.port != 0:
         return {}
-    pwm = tuple(getattr(message, f'servo{i}_raw') for i in range(1, 9))
+    pwm = tuple(getattr(message, f'servo{i}_raw') for i in range(1, 17))
     return {'motors': pwm, 'motors_time': now}
 
 
