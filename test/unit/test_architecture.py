@@ -34,6 +34,8 @@ ROOMS = {
     'evaluation': {'ground floor', 'exact', 'recombination'},
 }
 ROS = {'rclpy', 'ament_index_python', 'builtin_interfaces', 'rcl_interfaces', 'std_srvs'}
+COMMON_GROUND = {'paths', 'geodesy'}
+"""Modules that import none of the layers and serve all; the earth is the autopilot's too."""
 MODULES = sorted((ROOT / PACKAGE).glob('*/**/*.py'))
 PLAYS_ONE_PART = {'main', 'PARAMETERS'}
 """Names that say a part which many modules play: a command's, and a node's parameters."""
@@ -58,7 +60,7 @@ def layer(name: str) -> str | None:
     head, _, rest = name.partition('.')
     if head == PACKAGE:
         part = rest.partition('.')[0]
-        if part == 'paths':
+        if part in COMMON_GROUND:
             return None
         return part if part in ALLOWED else 'policy'  # What __init__ exports is policy's.
     if head in ROS or head.endswith('_msgs'):
@@ -98,6 +100,12 @@ def test_every_room_is_checked_and_comes_after_what_it_needs():
         assert needed <= set(list(ROOMS)[:position])
 
 
+@pytest.mark.parametrize('name', sorted(COMMON_GROUND))
+def test_common_ground_stands_on_no_layer(name):
+    used = imports(ROOT / PACKAGE / f'{name}.py')
+    assert {layer(module) for module in used} == {None}
+
+
 def test_every_layer_is_checked():
     assert {path.relative_to(ROOT / PACKAGE).parts[0] for path in MODULES} == set(ALLOWED)
 
@@ -112,6 +120,7 @@ def test_every_layer_is_checked():
         ('from uav_mission_manager.policy import Policy', 'policy'),
         ('from uav_mission_manager import build_policy', 'policy'),
         ('from uav_mission_manager.paths import share_directory', None),
+        ('from uav_mission_manager.geodesy import Origin', None),
         ('from ..solver import bellman', 'solver'),
         ('from .states import StateSpace', 'mdp'),
         ('def f():\n    import rclpy', 'ros'),

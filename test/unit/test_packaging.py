@@ -26,6 +26,7 @@ ROSDEP_KEYS = {
     'rich': 'python3-rich',
     'pymavlink': 'python3-pymavlink-pip',
     'pyserial': 'python3-serial',
+    'pymap3d': 'python3-pymap3d',
 }
 OPTIONAL = {'threadpoolctl'}  # rosdep has no key for it.
 PYPI_NAMES = {'yaml': 'pyyaml', 'serial': 'pyserial'}  # Where the import is called otherwise.

@@ -14,7 +14,6 @@ from uav_mission_manager.mdp import (
     Action,
     ActionKind,
     Grid,
-    Origin,
     StateError,
     StateSpace,
     action_name,
@@ -231,20 +230,3 @@ def test_cell_of_a_point(size, width, data):
 def test_point_off_the_grid(east, north, nearest):
     grid = Grid(2, 4, 0, 1, cell_size=50.0)
     assert (grid.cell_at(east, north), grid.contains(east, north)) == (nearest, False)
-
-
-def test_origin_to_geodetic():
-    """A degree of latitude is 110.574 km at the equator, 111.694 km at the pole (WGS84)."""
-    latitude, longitude = Origin(0.0, 10.0, 0.0).to_geodetic(111_319.5, 110_574.0)
-    assert (latitude, longitude) == (pytest.approx(1.0, abs=1e-5), pytest.approx(11.0, abs=1e-5))
-    latitude, longitude = Origin(60.0, 10.0, 0.0).to_geodetic(55_800.0, 0.0)
-    assert (latitude, longitude) == (60.0, pytest.approx(11.0, abs=1e-4))
-    assert Origin(-89.0, 0.0, 0.0).to_geodetic(0.0, 111_694.0)[0] == pytest.approx(-88.0, abs=1e-4)
-
-
-@given(st.floats(-80, 80), st.floats(-179, 179), *[st.floats(-1e4, 1e4)] * 2)
-def test_origin_both_ways(latitude, longitude, east, north):
-    origin = Origin(latitude, longitude, 0.0)
-    assert origin.to_local(*origin.to_geodetic(east, north)) == pytest.approx(
-        (east, north), abs=1e-3
-    )

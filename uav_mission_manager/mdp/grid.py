@@ -1,51 +1,10 @@
-"""The grid of cells and its place on the earth."""
+"""The grid of cells, its place on the earth and its ground."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
-WGS84_SEMI_MAJOR = 6378137.0
-"""Semi-major axis of the WGS84 ellipsoid [m]."""
-
-WGS84_ECCENTRICITY_SQUARED = 6.69437999014e-3
-"""First eccentricity of the WGS84 ellipsoid, squared."""
-
-
-@dataclass(frozen=True)
-class Origin:
-    """Geographic position of the centre of cell 0.
-
-    Attributes
-    ----------
-    latitude, longitude : float
-        WGS84 [deg].
-    altitude : float
-        Above mean sea level [m].
-    """
-
-    latitude: float
-    longitude: float
-    altitude: float
-
-    def _metres_per_degree(self) -> tuple[float, float]:
-        """North and east lengths of one degree here, from the WGS84 radii of curvature."""
-        phi = math.radians(self.latitude)
-        w2 = 1.0 - WGS84_ECCENTRICITY_SQUARED * math.sin(phi) ** 2
-        meridian = WGS84_SEMI_MAJOR * (1.0 - WGS84_ECCENTRICITY_SQUARED) / w2**1.5
-        prime_vertical = WGS84_SEMI_MAJOR / math.sqrt(w2)
-        return math.radians(meridian), math.radians(prime_vertical * math.cos(phi))
-
-    def to_geodetic(self, east: float, north: float) -> tuple[float, float]:
-        """Latitude and longitude [deg] of a point of the local tangent plane [m]."""
-        per_latitude, per_longitude = self._metres_per_degree()
-        return self.latitude + north / per_latitude, self.longitude + east / per_longitude
-
-    def to_local(self, latitude: float, longitude: float) -> tuple[float, float]:
-        """East and north [m] of a latitude and longitude [deg]: `to_geodetic`'s inverse."""
-        per_latitude, per_longitude = self._metres_per_degree()
-        east = (longitude - self.longitude) * per_longitude
-        return east, (latitude - self.latitude) * per_latitude
+from uav_mission_manager.geodesy import Origin
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,10 @@ from typing import Any
 
 import yaml
 
+from uav_mission_manager.geodesy import Origin
 from uav_mission_manager.mdp import fields
 from uav_mission_manager.mdp.fields import Bad, MissionError, Section
-from uav_mission_manager.mdp.grid import Grid, Origin
+from uav_mission_manager.mdp.grid import Grid
 from uav_mission_manager.mdp.mission import (
     ByMode,
     Energy,
