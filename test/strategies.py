@@ -113,15 +113,20 @@ energies = st.fixed_dictionaries(
         **dict.fromkeys(('wind', 'wind_penalty', 'payload', 'payload_penalty'), costs),
     }
 )
-places = st.fixed_dictionaries(
-    {},
-    optional={
-        'cell_size': positive,
-        'origin': st.fixed_dictionaries(
-            {'latitude': st.floats(-80, 80), 'longitude': st.floats(-180, 180), 'altitude': costs}
-        ),
-    },
+origins = st.fixed_dictionaries(
+    {
+        'latitude': st.floats(-80, 80),
+        'longitude': st.floats(-180, 180),
+        'altitude': st.floats(-500, 9000),
+    }
 )
+
+
+def places(cells):
+    elevations = st.dictionaries(cells, st.floats(-9000, 9000), max_size=4)
+    return st.fixed_dictionaries(
+        {}, optional={'cell_size': positive, 'origin': origins, 'elevation': elevations}
+    )
 
 
 @st.composite
@@ -141,7 +146,7 @@ def missions(draw, sizes, goal_counts):
             'cols': cols,
             'base': draw(cells),
             'service': draw(cells),
-            **draw(places),
+            **draw(places(cells)),
         },
         'goals': draw(goals(cells, draw(st.sampled_from(goal_counts)), shared)),
         'faults': draw(faults),

@@ -429,6 +429,7 @@ NO_GOAL = [
     {'name': 'other'},
     {'energy': None},
     {'grid': dataclasses.replace(CASE_STUDY.grid, cell_size=9.0, origin=None)},
+    {'grid': dataclasses.replace(CASE_STUDY.grid, elevation=((2, 12.0),))},
 ]
 ALL_GOALS = [
     {'discount': 0.9},

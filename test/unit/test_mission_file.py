@@ -13,6 +13,7 @@ from hypothesis import given
 from strategies import CASE_STUDY, case_study, missions
 
 from uav_mission_manager.mdp import MissionError, load_mission, mission_from_dict
+from uav_mission_manager.paths import share_directory
 
 OPTIONAL = [
     ('feasibility',),
@@ -183,6 +184,9 @@ OUT_OF_RANGE = [
     (('grid', 'cell_size'), 0),
     (('grid', 'cell_size'), -50.0),
     (('grid', 'origin', 'latitude'), 90.5),
+    *((('grid', 'origin', 'latitude'), value) for value in (-89.5, 89.5, -353632620)),
+    *((('grid', 'origin', 'longitude'), value) for value in (180.5, 360.0)),
+    *((('grid', 'origin', 'altitude'), value) for value in (-500.5, 9000.5, 584000)),
     (('grid', 'origin', 'longitude'), -180.5),
     (('feasibility',), 'lax'),
     (('name',), ''),
@@ -268,6 +272,56 @@ def test_zone_off_the_grid_or_given_twice(cell, tmp_path):
     document = case_study()
     document['threat']['zones'][cell] = 0.1
     assert re.match(rf'threat\.zones\.{cell}: {cell!r} ', refusal(tmp_path, document))
+
+
+def test_elevation_of_the_ground():
+    document = case_study()
+    flat = mission_from_dict(case_study(), 'test')
+    document['grid']['elevation'] = {5: 12.5, 2: -3}
+    mission = mission_from_dict(document, 'test')
+    assert [mission.grid.ground(cell) for cell in range(4)] == [0.0, 0.0, -3.0, 0.0]
+    assert mission.grid.ground(5) == 12.5
+    assert mission.to_dict()['grid']['elevation'] == {'2': -3.0, '5': 12.5}
+    assert mission_from_dict(json.loads(json.dumps(mission.to_dict())), 'test') == mission
+    assert mission.digest() != flat.digest()
+
+
+@pytest.mark.parametrize('elevation', [None, {}])
+def test_a_mission_without_elevation_keeps_its_digest(elevation):
+    document = case_study()
+    if elevation is not None:
+        document['grid']['elevation'] = elevation
+    mission = mission_from_dict(document, 'test')
+    assert {mission.grid.ground(cell) for cell in range(8)} == {0.0}
+    assert 'elevation' not in mission.to_dict()['grid']
+    manifest = share_directory() / 'policies' / 'case_study' / 'manifest.json'
+    assert json.loads(manifest.read_text())['mission_sha256'] == mission.digest()
+
+
+@pytest.mark.parametrize(
+    ('cell', 'metres', 'says'),
+    [
+        (8, 1.0, '8 is outside 0..7: no cell of the 2x4 grid'),
+        (-1, 1.0, '-1 is outside 0..7: no cell of the 2x4 grid'),
+        ('hill', 1.0, "'hill' is not a whole number: no cell of the 2x4 grid"),
+        (True, 1.0, 'True is not a whole number: no cell of the 2x4 grid'),
+        (2, math.nan, 'nan is not finite'),
+        (2, math.inf, 'inf is not finite'),
+        (2, 9000.5, '9000.5 is outside -9000..9000'),
+        (2, -9001, '-9001 is outside -9000..9000'),
+        (2, '12', "'12' is not a number"),
+        (2, None, 'None is not a number'),
+    ],
+)
+def test_elevation_refused(cell, metres, says, tmp_path):
+    document = case_study()
+    document['grid']['elevation'] = {0: 1.0, cell: metres}
+    assert refusal(tmp_path, document) == f'grid.elevation.{cell}: {says}'
+
+
+def test_elevation_that_is_no_mapping(tmp_path):
+    message = refusal(tmp_path, put(('grid', 'elevation'), [1.0, 2.0]))
+    assert message == 'grid.elevation: [1.0, 2.0] is not a mapping'
 
 
 def test_two_goals_of_one_name(tmp_path):

@@ -21,6 +21,8 @@ class Grid:
         Width of a cell [m].
     origin : Origin or None
         Centre of cell 0; needed to fly, not to plan.
+    elevation : tuple of (cell, elevation)
+        Ground above the origin's altitude [m], where it differs from it.
     """
 
     rows: int
@@ -29,6 +31,7 @@ class Grid:
     service: int
     cell_size: float = 50.0
     origin: Origin | None = None
+    elevation: tuple[tuple[int, float], ...] = ()
 
     @property
     def q(self) -> int:
@@ -39,6 +42,10 @@ class Grid:
         """East and north [m] of a cell's centre from the centre of cell 0."""
         row, col = divmod(cell, self.cols)
         return col * self.cell_size, -row * self.cell_size
+
+    def ground(self, cell: int) -> float:
+        """Elevation of a cell's ground above the origin's altitude [m]."""
+        return dict(self.elevation).get(cell, 0.0)
 
     def contains(self, east: float, north: float) -> bool:
         """Whether a point [m] lies on the grid."""

@@ -204,6 +204,9 @@ class Mission:
         data['threat']['zones'] = {str(cell): onset for cell, onset in self.threat.zones}
         if self.grid.origin is None:
             del data['grid']['origin']
+        data['grid']['elevation'] = {str(cell): up for cell, up in self.grid.elevation}
+        if not self.grid.elevation:
+            del data['grid']['elevation']
         if self.energy is None:
             del data['energy']
         return data

@@ -118,6 +118,9 @@ def _grid(section: Section) -> Grid:
         service=section.get('service', _cell(size)),
         cell_size=section.get('cell_size', fields.positive, 50.0),
         origin=section.section('origin', _origin, None),
+        elevation=section.section(
+            'elevation', lambda cells: _by_cell(cells, size, fields.within(-9000.0, 9000.0)), ()
+        ),
     )
 
 
@@ -126,7 +129,8 @@ def _origin(section: Section) -> Origin:
     return Origin(
         latitude=section.get('latitude', fields.within(-89.0, 89.0)),
         longitude=section.get('longitude', fields.within(-180.0, 180.0)),
-        altitude=section.get('altitude', fields.number),
+        # Dry land lies between -430 and 8850 m.
+        altitude=section.get('altitude', fields.within(-500.0, 9000.0)),
     )
 
 
@@ -186,7 +190,9 @@ def _range(section: Section) -> Range:
 def _threat(section: Section, grid: Grid) -> Threat:
     return Threat(
         onset=section.get('onset', fields.probability),
-        zones=section.section('zones', lambda zones: _zones(zones, grid), ()),
+        zones=section.section(
+            'zones', lambda zones: _by_cell(zones, grid, fields.probability), ()
+        ),
         high_share=section.get('high_share', fields.probability),
         from_low=section.get('from_low', fields.distribution),
         from_high=section.get('from_high', fields.distribution),
@@ -194,18 +200,20 @@ def _threat(section: Section, grid: Grid) -> Threat:
     )
 
 
-def _zones(section: Section, grid: Grid) -> tuple[tuple[int, float], ...]:
-    zones = {}
+def _by_cell(
+    section: Section, grid: Grid, check: Callable[[Any], float]
+) -> tuple[tuple[int, float], ...]:
+    values = {}
     for key in section.data:
-        onset = section.get(key, fields.probability)
+        value = section.get(key, check)
         try:  # Keys are whole numbers, in JSON their digits.
             cell = _cell(grid)(int(key) if isinstance(key, str) and key.isdecimal() else key)
         except Bad as error:
             section.fail(str(key), str(error))
-        if cell in zones:
+        if cell in values:
             section.fail(str(key), f'{key!r} names a cell that another key names too')
-        zones[cell] = onset
-    return tuple(sorted(zones.items()))
+        values[cell] = value
+    return tuple(sorted(values.items()))
 
 
 def _service_cost(section: Section) -> ServiceCost:
