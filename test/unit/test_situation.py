@@ -68,6 +68,8 @@ def test_mission_without_energy_is_refused() -> None:
         (lambda s: s.with_battery(80.0, 9.0), 'battery_state: percentage 80.0'),
         (lambda s: s.with_position(math.nan, 0.0, 9.0), 'odom: position'),
         (lambda s: s.with_position(0.0, math.inf, 9.0), 'odom: position'),
+        (lambda s: s.with_position(2500.0, 0.0, 9.0), 'odom: position is 10 grid diagonals off'),
+        (lambda s: s.with_position(75.0, 500.0, 9.0), 'odom: position is 2 grid diagonals off'),
         (lambda s: s.with_fault('engine', 9.0), "fault_mode: 'engine' is not one of nominal"),
         (lambda s: s.with_threat('HIGH', 9.0), "threat_level: 'HIGH' is not one of none"),
         (
@@ -76,6 +78,7 @@ def test_mission_without_energy_is_refused() -> None:
         ),
         (lambda s: s.with_priorities([2, 0, 3], 'b', 9.0), 'goal_priorities: goal3 is 3'),
         (lambda s: s.with_completed('goal9'), "goal_completed: 'goal9' is not one of goal1"),
+        (lambda s: s.with_refused('goal9'), "goal_refused: 'goal9' is not one of goal1"),
     ],
 )
 def test_bad_input_is_one_line_and_changes_nothing(
@@ -126,6 +129,65 @@ def test_range_flags_follow_battery_and_come_back_with_a_margin() -> None:
     assert empty.with_battery(0.212, 2.0).in_range == (0, 0, 0)
     assert empty.with_battery(0.216, 2.0).in_range == (1, 0, 0)
     assert situation.with_battery(0.212, 1.0).in_range == (1, 0, 0)
+
+
+def test_a_refused_goal_is_out_of_range_until_priorities_are_asked_for_anew() -> None:
+    situation = at(0).with_priorities([2, 1, 0], 'a', 0.0).after(ACTIONS[1])
+    refused = situation.with_refused('goal1')
+    assert refused.state == (1, 0, 1, 1, 2, 1, 0, 0, 1, 0, 0)
+    assert refused.with_refused('goal1') == refused
+    assert refused.refused_goals == ('goal1',)
+    # Neither a full battery nor the repetition of the request brings it back.
+    assert refused.with_battery(1.0, 1.0).state[1] == 0
+    assert refused.with_priorities([2, 1, 0], 'a', 1.0).state[1] == 0
+    for anew in (
+        refused.with_priorities([2, 1, 0], 'b', 1.0),
+        refused.with_priorities([2, 1, 0], '', 1.0),
+        refused.without_goals(),
+    ):
+        assert (anew.state[1], anew.refused_goals, anew.warnings) == (1, (), ())
+
+
+def test_what_counts_as_worse_than_measured_is_said() -> None:
+    situation = at(0)
+    assert situation.warnings == ()
+    assert situation.with_refused('goal3').with_refused('goal1').warnings == tuple(
+        f'goal_refused: {name}, counted as out of range until priorities are asked for anew'
+        for name in ('goal1', 'goal3')
+    )
+    assert situation.with_battery(0.9, 1.0, healthy=False).warnings == (
+        'battery_state: reported unhealthy, counted as empty',
+    )
+
+
+def test_an_unhealthy_battery_counts_as_empty_whatever_it_holds() -> None:
+    situation = at(0)
+    for charge in (1.0, math.nan):
+        bad = situation.with_battery(charge, 1.0, healthy=False)
+        assert bad.in_range == (0, 0, 0)
+        assert bad.with_position(50.0, 0.0, 2.0).in_range == (0, 0, 0)
+    # 0.212 is enough to keep goal1, not to bring it back.
+    assert bad.with_battery(0.212, 2.0).in_range == (0, 0, 0)
+    assert bad.with_battery(0.216, 2.0).in_range == (1, 0, 0)
+    assert bad.with_battery(0.216, 2.0).warnings == ()
+
+
+def test_an_unhealthy_battery_reaches_not_even_a_goal_at_the_service_cell() -> None:
+    grid = replace(MISSION.grid, service=MISSION.goals[0].cell)
+    calm = replace(MISSION.energy, wind=0.0, payload=0.0)
+    start = Situation(replace(MISSION, grid=grid, energy=calm))
+    situation = start.with_position(*grid.position(grid.service), 0.0)
+    assert situation.with_battery(0.0, 0.0).in_range[0] == 1
+    assert situation.with_battery(1.0, 0.0, healthy=False).in_range[0] == 0
+
+
+def test_positions_near_the_grid_are_taken() -> None:
+    diagonal = MISSION.grid.cell_size * math.hypot(MISSION.grid.rows, MISSION.grid.cols)
+    edge = MISSION.grid.cell_size / 2
+    for east, north in ((-edge - 1.99 * diagonal, 0.0), (0.0, edge + 1.99 * diagonal)):
+        assert at(0).with_position(east, north, 1.0).position == (east, north)
+    with pytest.raises(InputError, match='off the grid'):
+        at(0).with_position(0.0, edge + 2.01 * diagonal, 1.0)
 
 
 def test_only_stale_or_missing_required_inputs_are_named() -> None:
@@ -182,11 +244,44 @@ def test_other_numbers_take_effect_at_once() -> None:
         at(0).with_mission(replace(MISSION, energy=None))
 
 
+def test_a_refused_goal_is_not_committed_to(policy: Policy) -> None:
+    for cell in range(MISSION.grid.q):
+        situation = at(cell, priorities=(2, 2, 0)).with_refused('goal1')
+        assert command(decide(policy, situation, 0.0, TIMEOUT)) == 'commit goal2 normal'
+
+
+@pytest.mark.parametrize(
+    ('priorities', 'expected'),
+    [((2, 0, 0), 'none normal'), ((2, 1, 0), 'commit goal2 normal')],
+)
+def test_recharging_is_no_way_to_bring_a_refused_goal_back(
+    policy: Policy,
+    priorities: tuple[int, ...],
+    expected: str,
+) -> None:
+    situation = at(MISSION.grid.service, priorities=priorities).with_refused('goal1')
+    assert format_command(MISSION, policy.decide(situation.state).action) == 'recharge'
+    outcome = decide(policy, situation, 0.0, TIMEOUT)
+    assert command(outcome) == expected
+    assert outcome.reason.startswith('goal1 refused, and not back by recharging; ')
+    # With a goal that is truly out of range, recharging has its use.
+    empty = situation.with_battery(0.1, 1.0)
+    assert command(decide(policy, empty, 1.0, TIMEOUT)) == 'recharge'
+
+
 FLOATS = st.floats(allow_nan=True, allow_infinity=True)
 WORDS = st.sampled_from([*FAULT_MODES, *THREAT_LEVELS, 'goal1', 'goal2', '', 'nonsense'])
 EVENTS = st.one_of(
-    st.builds(lambda x: lambda s, t: s.with_battery(x, t), FLOATS | st.floats(0.0, 1.0)),
-    st.builds(lambda x, y: lambda s, t: s.with_position(x, y, t), FLOATS, FLOATS),
+    st.builds(
+        lambda x, h: lambda s, t: s.with_battery(x, t, h),
+        FLOATS | st.floats(0.0, 1.0),
+        st.booleans(),
+    ),
+    st.builds(
+        lambda x, y: lambda s, t: s.with_position(x, y, t),
+        FLOATS | st.floats(-200.0, 400.0),
+        FLOATS | st.floats(-400.0, 200.0),
+    ),
     st.builds(lambda w: lambda s, t: s.with_fault(w, t), WORDS),
     st.builds(lambda w: lambda s, t: s.with_threat(w, t), WORDS),
     st.builds(
@@ -195,6 +290,7 @@ EVENTS = st.one_of(
         WORDS,
     ),
     st.builds(lambda w: lambda s, t: s.with_completed(w), WORDS),
+    st.builds(lambda w: lambda s, t: s.with_refused(w), WORDS),
     st.builds(lambda n: lambda s, t: s.after(ACTIONS[n]), st.integers(0, 9)),
     st.just(lambda s, t: s.without_goals()),
 )
@@ -215,3 +311,4 @@ def test_no_sequence_of_inputs_leaves_the_state_space(
         assert isinstance(outcome, Decision)
         action = outcome.action
         assert action.goal is None or situation.priorities[action.goal] > 0
+        assert action.goal is None or situation.reachable[action.goal]
