@@ -2,10 +2,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from uav_mission_manager.autopilot.faults import Fault, FaultEstimator
+from uav_mission_manager.autopilot.faults import Fault, FaultEstimator, effectiveness_by_load
 from uav_mission_manager.autopilot.telemetry import Position, Telemetry
 
 HEALTHY = Telemetry(
@@ -21,6 +22,56 @@ GYRO = mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
 NOMINAL = Fault(0)
 
 
+HOVER_SPAN = 589.0  # PWM above 1000 of a healthy motor [us]
+
+
+def ring(first: float, count: int, per_arm: int = 1) -> np.ndarray:
+    """Thrust, roll, pitch and yaw of each motor of a regular frame.
+
+    The arms go clockwise from the angle `first` [deg], one or two motors each; every next motor
+    turns the other way, on the next arm the upper one too. Angles and directions are
+    ArduCopter's (libraries/AP_Motors/AP_MotorsMatrix.cpp).
+    """
+    arms = count // per_arm
+    angles = np.radians(first + 360.0 / arms * np.repeat(np.arange(arms), per_arm))
+    turn = [(-1.0) ** (arm + level) for arm in range(arms) for level in range(per_arm)]
+    return np.column_stack([np.ones(count), -np.sin(angles), np.cos(angles), turn])
+
+
+RIGHT, LEFT, REAR = (1.0, -1.0, 0.666), (1.0, 1.0, 0.666), (1.0, 0.0, -1.333)
+FRAMES = {
+    'quad +': ring(0.0, 4),
+    'quad X': ring(45.0, 4),
+    'hexa +': ring(0.0, 6),
+    'hexa X': ring(30.0, 6),
+    'octa +': ring(0.0, 8),
+    'octa X': ring(22.5, 8),
+    'deca X': ring(18.0, 10),
+    'X8': ring(45.0, 8, per_arm=2),
+    'Y6': np.array([(*arm, turn) for arm in (RIGHT, LEFT, REAR) for turn in (1.0, -1.0)]),
+    'dodecahexa': ring(30.0, 12, per_arm=2),
+}
+
+
+def balanced(
+    frame: np.ndarray, effectiveness: dict[int, float], moment: tuple[float, ...] = (0.0,) * 3
+) -> np.ndarray:
+    """Commands that balance the vehicle with weak motors, 1 each for a healthy one.
+
+    The controller moves its four axes until thrust and moments are what they have to be.
+    """
+    count = len(frame)
+    strength = np.diag([effectiveness.get(motor, 1.0) for motor in range(count)])
+    needed = frame.T @ np.ones(count) + count * np.array([0.0, *moment])
+    axes, *_ = np.linalg.lstsq(frame.T @ strength @ frame, needed, rcond=None)
+    return frame @ axes
+
+
+def outputs(commands: np.ndarray) -> tuple[int, ...]:
+    pwm = [1000 + round(HOVER_SPAN * command) for command in commands]
+    return tuple(pwm) + (0,) * (16 - len(pwm))
+
+
 def hover(effectiveness: float = 1.0, hovering: int = 1589) -> tuple[int, ...]:
     weak = 1000 + round((hovering - 1000) / effectiveness)
     return (min(weak, 1950), hovering, hovering, hovering, 1500, 1500, 1500, 1500)
@@ -32,6 +83,13 @@ class Watch:
     def __init__(self, threshold: float = 0.85) -> None:
         self.estimator = FaultEstimator(threshold)
         self.now = 100.0
+
+    def time_to(self, fault: Fault, telemetry: Telemetry) -> float:
+        """Time [s] until `fault` is reported, 20 s at most."""
+        start = self.now
+        while self.see(0.2, telemetry) != fault and self.now < start + 20.0:
+            pass
+        return self.now - start
 
     def see(self, seconds: float, telemetry: Telemetry = HEALTHY, camera_age: float | None = 0.5):
         for _ in range(round(seconds * 5)):
@@ -117,6 +175,58 @@ def test_a_camera_never_heard_is_no_fault_but_a_lost_one_is():
     assert watch.see(5.4, camera_age=0.1) == NOMINAL
 
 
+@pytest.mark.parametrize('name', FRAMES)
+@pytest.mark.parametrize('effectiveness', [0.95, 0.8, 0.7, 0.5])
+def test_the_load_of_a_weak_motor_tells_its_effectiveness(name, effectiveness):
+    frame = FRAMES[name]
+    for motor in range(len(frame)):
+        commands = balanced(frame, {motor: effectiveness})
+        seen = effectiveness_by_load(commands / commands.mean())
+        assert seen[motor] == pytest.approx(effectiveness, abs=1e-9)
+        assert min(seen) == seen[motor]
+
+
+def test_frames_that_are_not_regular_are_read_approximately():
+    sides = np.array([-1.0, 1.0, -1.0, -1.0, 1.0, 1.0, 1.0, -1.0])
+    rows = np.array([1.0, -1.0, 1 / 3, -1.0, 1.0, -1 / 3, 1 / 3, -1 / 3])
+    turn = np.array([-1.0, -1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
+    octa_h = np.column_stack([np.ones(8), sides, rows, turn])
+    seen = []
+    for motor in range(8):
+        commands = balanced(octa_h, {motor: 0.8})
+        seen.append(effectiveness_by_load(commands / commands.mean())[motor])
+    assert sorted(seen) == pytest.approx([0.75] * 4 + [0.85] * 4, abs=0.01)
+
+
+@pytest.mark.parametrize('name', FRAMES)
+@pytest.mark.parametrize('effectiveness', [0.8, 0.7])
+def test_a_weak_motor_of_any_frame_is_reported_within_five_seconds(name, effectiveness):
+    frame = FRAMES[name]
+    motor_count, weakest = len(frame), len(frame) - 1
+    healthy = replace(HEALTHY, motor_count=motor_count, motors=outputs(np.ones(motor_count)))
+    weak = replace(healthy, motors=outputs(balanced(frame, {weakest: effectiveness})))
+    watch = Watch()
+    assert watch.see(10.0, healthy) == NOMINAL
+    assert watch.time_to(Fault.ACTUATOR, weak) < 5.0
+    watch.see(10.0, weak)
+    assert watch.estimator.effectiveness[weakest] == pytest.approx(effectiveness, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ('name', 'tolerated', 'alarming'),
+    [('quad X', 0.08, 0.10), ('hexa X', 0.035, 0.045), ('X8', 0.035, 0.045)],
+)
+def test_a_centre_of_gravity_that_is_off_looks_like_a_weak_motor_only_when_far_off(
+    name, tolerated, alarming
+):
+    # [arm lengths], to the side, where thrust is proportional to the command.
+    frame = FRAMES[name]
+    for offset, expected in ((tolerated, NOMINAL), (alarming, Fault.ACTUATOR)):
+        motors = outputs(balanced(frame, {}, (-offset, 0.0, 0.0)))
+        telemetry = replace(HEALTHY, motor_count=len(frame), motors=motors)
+        assert Watch().see(20.0, telemetry) == expected
+
+
 @pytest.mark.parametrize(
     ('effectiveness', 'expected'),
     [
@@ -151,12 +261,22 @@ def test_motors_that_stop_do_not_hide_a_weak_one():
 
 @pytest.mark.parametrize(
     'ground',
-    [{'armed': False}, {'landed': True}, {'position': replace(HEALTHY.position, height=1.0)}],
-    ids=['disarmed', 'landed', 'low'],
+    [
+        {'armed': False},
+        {'landed': True},
+        {'position': replace(HEALTHY.position, height=1.0)},
+        {'position': None},
+    ],
+    ids=['disarmed', 'landed', 'low', 'height unknown'],
 )
 def test_motors_are_judged_in_the_air_only(ground):
     watch = Watch()
     assert watch.see(20.0, replace(HEALTHY, motors=hover(0.6), **ground)) == NOMINAL
+
+
+def test_motors_are_not_judged_while_it_is_unknown_whether_it_flies(monkeypatch):
+    monkeypatch.setattr(Telemetry, 'on_ground', None)
+    assert Watch().see(20.0, replace(HEALTHY, motors=hover(0.6))) == NOMINAL
 
 
 def test_as_many_motors_as_the_frame_has():
@@ -166,6 +286,22 @@ def test_as_many_motors_as_the_frame_has():
     weak = (1589, 1900, 1589, 1589)
     assert watch.see(10.0, replace(HEALTHY, motors=weak, motor_count=0)) == NOMINAL
     assert watch.see(10.0, replace(HEALTHY, motors=six, motor_count=6)) == Fault.ACTUATOR
+
+
+@pytest.mark.parametrize('motors', [(1589,) * 4 + (1900, 0), (1589,) * 4 + (1900,)])
+def test_motors_whose_outputs_are_not_sent_are_not_judged(motors):
+    watch = Watch()
+    assert watch.see(20.0, replace(HEALTHY, motors=motors, motor_count=6)) == NOMINAL
+    assert watch.estimator.effectiveness == ()
+
+
+def test_one_look_after_a_gap_is_no_weak_motor():
+    watch = Watch()
+    watch.see(5.0, replace(HEALTHY, motors=hover()))
+    for _ in range(5):
+        watch.now += 30.0
+        assert watch.see(0.4, replace(HEALTHY, motors=hover(0.6))) == NOMINAL
+        assert min(watch.estimator.effectiveness) > 0.9
 
 
 def test_an_actuator_fault_stays_until_serviced_and_is_found_again():
@@ -200,6 +336,64 @@ def test_faults_add_up_to_the_fault_mode():
     watch.see(1.0)
     broken = replace(HEALTHY, unhealthy=GYRO, motors=hover(0.6))
     assert watch.see(8.0, broken, camera_age=9.0) == 7
+
+
+BOOTING = (
+    # EKF flags, fix type, unhealthy sensors: as ArduCopter boots
+    (mavlink.EKF_UNINITIALIZED, 0, GYRO | mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG),
+    (mavlink.EKF_UNINITIALIZED, 1, 0),
+    (0xA7, 1, mavlink.MAV_SYS_STATUS_SENSOR_GPS),
+    (0xA7, 3, 0),
+)
+
+
+def boot(watch: Watch) -> None:
+    for flags, fix, unhealthy in BOOTING:
+        booting = replace(HEALTHY, armed=False, ekf_flags=flags, fix_type=fix, unhealthy=unhealthy)
+        assert watch.see(10.0, booting, camera_age=30.0) is None
+
+
+def test_a_booting_autopilot_has_no_fault():
+    watch = Watch()
+    boot(watch)
+    assert watch.see(10.0, replace(HEALTHY, armed=False)) == NOMINAL
+
+
+def test_a_reboot_forgets_all_faults_but_that_of_the_actuators():
+    watch = Watch()
+    broken = replace(HEALTHY, unhealthy=GYRO, motors=hover(0.7))
+    assert watch.see(8.0, broken, camera_age=9.0) == 7
+    watch.estimator.rebooted()
+    boot(watch)
+    assert watch.see(0.2, replace(HEALTHY, armed=False)) == Fault.ACTUATOR
+    watch.estimator.serviced()
+    assert watch.see(10.0, replace(HEALTHY, armed=False)) == NOMINAL
+
+
+def test_a_fault_seen_before_a_reboot_has_to_last_anew():
+    watch = Watch()
+    watch.see(1.0)
+    watch.see(0.8, replace(HEALTHY, unhealthy=GYRO))
+    watch.estimator.rebooted()
+    assert watch.see(0.8, replace(HEALTHY, unhealthy=GYRO)) == NOMINAL
+    assert watch.see(0.6, replace(HEALTHY, unhealthy=GYRO)) == Fault.SENSOR
+
+
+@pytest.mark.parametrize(
+    'failing',
+    [
+        ({'unhealthy': mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG},),
+        ({'fix_type': 1}, {'fix_type': 1, 'ekf_flags': 0xA7}, {'ekf_flags': 0xA7}),
+    ],
+    ids=['compass', 'GPS'],
+)
+def test_a_sensor_that_fails_and_recovers_on_a_parked_vehicle(failing):
+    watch = Watch()
+    parked = replace(HEALTHY, armed=False, landed=True)
+    assert watch.see(5.0, parked) == NOMINAL
+    for change in failing:
+        assert watch.see(8.0, replace(parked, **change)) == Fault.SENSOR
+    assert watch.see(8.0, parked) == NOMINAL
 
 
 def test_a_lost_link_keeps_faults_but_asks_for_a_new_fix():

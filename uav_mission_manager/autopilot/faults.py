@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from enum import IntFlag
-from statistics import median
+from statistics import fmean
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -16,8 +17,11 @@ FAULT_SET_DELAY = 1.0
 FAULT_CLEAR_DELAY = 5.0
 """Time [s] of health after which a sensor or camera fault is cleared: a choice."""
 
-EFFECTIVENESS_FILTER_TIME = 2.0
-"""Time constant [s] of the low-pass filter of a motor's effectiveness: a choice."""
+LOAD_FILTER_TIME = 2.0
+"""Time constant [s] of the low-pass filter of the motors' loads: a choice."""
+
+MAX_LOAD_GAP = 2.0
+"""Time [s] without outputs after which the filter starts anew: a choice, ten messages at 5 Hz."""
 
 CAMERA_TIMEOUT = 3.0
 """Time [s] without the camera's heartbeat after which it has failed: three missing, at 1 Hz."""
@@ -31,6 +35,9 @@ IDLE_PWM = 1100.0
 
 ZERO_THRUST_PWM = 1000.0
 """PWM [us] of a motor at rest: ArduCopter's default (MOT_PWM_MIN)."""
+
+MOMENT_AXES = 3
+"""Roll, pitch and yaw: what the motors' differences control."""
 
 FIX_3D = mavlink.GPS_FIX_TYPE_3D_FIX
 """GPS_RAW_INT.fix_type from which a receiver knows its position in three dimensions."""
@@ -69,12 +76,31 @@ class Fault(IntFlag):
     CAMERA = 4
 
 
+def effectiveness_by_load(loads: Sequence[float]) -> tuple[float, ...]:
+    """Effectiveness of each motor, 0 to 1, if it alone is weak.
+
+    The controller commands u = M x, where the n rows of M say what each motor does for thrust,
+    roll, pitch and yaw, and x balances the vehicle: with motor j at effectiveness e,
+    M'(u - (1-e) u_j i_j) = M' u0, i_j the unit vector of j and u0 the command of every healthy
+    motor. As u0 is a column of M, u = u0 + (1-e) u_j P i_j with the projection
+    P = M (M'M)^-1 M'. Its columns add up to 1: mean(u) = u0 + (1-e) u_j / n. Where all motors
+    have the same part in the four axes, P_jj = 4/n: u_j = u0 + (1-e) u_j 4/n. Subtracting,
+    1-e = (n/3) (1 - mean(u)/u_j): exact for regular frames of n arms or n/2 coaxial pairs.
+
+    Parameters
+    ----------
+    loads : sequence of float
+        Command of each motor over the mean of all.
+    """
+    scale = len(loads) / MOMENT_AXES
+    return tuple(max(0.0, 1.0 - scale * (1.0 - 1.0 / max(load, 1.0))) for load in loads)
+
+
 class FaultEstimator:
     """Faults that have lasted; an actuator fault stays until `serviced`.
 
-    A fault is set after 1 s; sensor and camera faults are cleared after 5 s of health. The
-    effectiveness of a motor is (median PWM - 1000) / (its PWM - 1000), low-pass filtered over
-    2 s in the air: a weakened motor has to turn up for the thrust the others give.
+    A fault is set after 1 s; sensor and camera faults are cleared after 5 s of health. Motors
+    are judged in the air by `effectiveness_by_load`, from loads low-pass filtered over 2 s.
 
     Parameters
     ----------
@@ -87,8 +113,13 @@ class FaultEstimator:
         self._faults = Fault(0)
         self._since: dict[Fault, float] = {}
         self._located = False
-        self._motors_time = -math.inf
-        self.effectiveness: tuple[float, ...] = ()
+        self._loads: tuple[float, ...] = ()
+        self._loads_time = -math.inf
+
+    @property
+    def effectiveness(self) -> tuple[float, ...]:
+        """Effectiveness of each motor, empty where it is not judged."""
+        return effectiveness_by_load(self._loads)
 
     def update(self, telemetry: Telemetry, camera_age: float | None, now: float) -> Fault | None:
         """Judge a snapshot; None while too little is known.
@@ -110,7 +141,7 @@ class FaultEstimator:
         self._located = self._located or located
         if not self._located:
             return None
-        self._filter_motors(telemetry)
+        self._filter_loads(telemetry)
         self._debounce(Fault.SENSOR, not located or bool(unhealthy & SENSOR_HEALTH_BITS), now)
         weak = min(self.effectiveness, default=1.0) < self._threshold
         self._debounce(Fault.ACTUATOR, weak or bool(unhealthy & PROPULSION_HEALTH_BIT), now)
@@ -121,13 +152,18 @@ class FaultEstimator:
         """Forget the actuator fault: the vehicle was repaired."""
         self._faults &= ~Fault.ACTUATOR
         self._since.pop(Fault.ACTUATOR, None)
-        self.effectiveness = ()
+        self._loads = ()
 
     def link_lost(self) -> None:
-        """Start anew, without forgetting faults: the autopilot may have rebooted."""
+        """Say nothing until the vehicle is located again; faults that were set stay."""
         self._located = False
         self._since.clear()
-        self.effectiveness = ()
+        self._loads = ()
+
+    def rebooted(self) -> None:
+        """Judge sensors and camera anew; an actuator fault stays until `serviced`."""
+        self.link_lost()
+        self._faults &= Fault.ACTUATOR
 
     def _debounce(self, fault: Fault, seen: bool, now: float) -> None:
         """Set or clear a fault once the change has lasted."""
@@ -138,23 +174,22 @@ class FaultEstimator:
             self._faults ^= fault
             del self._since[fault]
 
-    def _filter_motors(self, telemetry: Telemetry) -> None:
-        motors = telemetry.motors[: telemetry.motor_count]
+    def _filter_loads(self, telemetry: Telemetry) -> None:
         height = telemetry.position.height if telemetry.position else 0.0
-        if telemetry.on_ground or height < MIN_MOTOR_CHECK_HEIGHT:
-            self.effectiveness = ()
+        if telemetry.on_ground is not False or height < MIN_MOTOR_CHECK_HEIGHT:
+            self._loads = ()
             return
-        elapsed = telemetry.motors_time - self._motors_time
-        self._motors_time = telemetry.motors_time
-        if elapsed <= 0.0 or not motors or median(motors) < IDLE_PWM:
+        motors = telemetry.motors[: telemetry.motor_count]
+        elapsed = telemetry.motors_time - self._loads_time
+        self._loads_time = telemetry.motors_time
+        unknown = len(motors) < telemetry.motor_count or not all(motors)
+        if elapsed <= 0.0 or not motors or unknown or fmean(motors) < IDLE_PWM:
             return
-        middle = median(motors) - ZERO_THRUST_PWM
-        if len(self.effectiveness) != len(motors):
-            self.effectiveness = (1.0,) * len(motors)
+        spans = [max(pwm - ZERO_THRUST_PWM, 0.0) for pwm in motors]
+        if len(self._loads) != len(spans) or elapsed > MAX_LOAD_GAP:
+            self._loads = (1.0,) * len(spans)
             return
-        gain = 1.0 - math.exp(-elapsed / EFFECTIVENESS_FILTER_TIME)
-        # At most 2, lest a motor that idles for a moment hides its weakness afterwards.
-        ratios = (middle / max(pwm - ZERO_THRUST_PWM, middle / 2.0) for pwm in motors)
-        self.effectiveness = tuple(
-            old + gain * (new - old) for old, new in zip(self.effectiveness, ratios, strict=True)
+        mean, gain = fmean(spans), 1.0 - math.exp(-elapsed / LOAD_FILTER_TIME)
+        self._loads = tuple(
+            old + gain * (span / mean - old) for old, span in zip(self._loads, spans, strict=True)
         )
