@@ -349,6 +349,73 @@ def test_file_that_is_no_mission(text, says, tmp_path):
     assert says in refusal(tmp_path, text)
 
 
+def written(place, text):
+    """Return the case study's file with one number written another way."""
+    before, found, after = CASE_STUDY.read_text().partition(place)
+    assert found
+    key, _, _ = place.rpartition(' ')
+    return f'{before}{key} {text}{after}'
+
+
+@pytest.mark.parametrize('text', ['010', '00', '-01', '0_1', '1:30', '0o10', '08'])
+@pytest.mark.parametrize(
+    ('place', 'field'),
+    [
+        ('cell: 5', 'goals[0].cell'),
+        ('base: 0', 'grid.base'),
+        ('distance_weight: 1.0', 'distance_weight'),
+    ],
+)
+def test_number_that_YAML_versions_read_differently(text, place, field, tmp_path):  # noqa: N802
+    message = refusal(tmp_path, written(place, text))
+    assert re.match(rf"{re.escape(field)}: '{text}' is not a (whole )?number(:|$)", message)
+
+
+@pytest.mark.parametrize('key', ['01', '011', "'01'", '0_1', '1:1'])
+def test_cell_that_YAML_versions_read_differently(key, tmp_path):  # noqa: N802
+    message = refusal(tmp_path, CASE_STUDY.read_text().replace(', 6: 0.25', f', {key}: 0.25'))
+    plain = key.strip("'")
+    assert message == (
+        f"threat.zones.{plain}: '{plain}' is not a whole number: no cell of the 2x4 grid"
+    )
+
+
+@pytest.mark.parametrize('key', ['1' + '0' * 18, '9' * 5000])
+def test_cell_of_very_many_digits(key):
+    document = case_study()
+    document['threat']['zones'][key] = 0.1
+    with pytest.raises(MissionError, match='no cell of the 2x4 grid'):
+        mission_from_dict(document, 'test')
+
+
+@pytest.mark.parametrize(
+    ('text', 'value'),
+    [
+        ('1e-3', 1e-3),
+        ('1E-3', 1e-3),
+        ('5e2', 500.0),
+        ('1.5e2', 150.0),
+        ('.5e+1', 5.0),
+        ('+.5', 0.5),
+        ('1_000.5', 1000.5),
+        ('1_000', 1000.0),
+        ('0x1F', 31.0),
+        ('7.', 7.0),
+        ('0', 0.0),
+    ],
+)
+def test_number_in_every_common_way(text, value, tmp_path):
+    file = tmp_path / 'mission.yaml'
+    file.write_text(written('distance_weight: 1.0', text))
+    assert load_mission(file).distance_weight == value
+
+
+@pytest.mark.parametrize('text', ['.inf', '-.Inf', '.NaN', '1e999'])
+def test_number_that_is_none(text, tmp_path):
+    message = refusal(tmp_path, written('distance_weight: 1.0', text))
+    assert re.fullmatch(r'distance_weight: (-?inf|nan) is not finite', message)
+
+
 def test_file_that_cannot_be_read(tmp_path):
     for place in (tmp_path, tmp_path / 'nowhere.yaml'):
         with pytest.raises(MissionError, match=rf'^{re.escape(str(place))}: cannot be read: .*$'):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -73,8 +74,28 @@ def mission_from_dict(data: Any, source: str) -> Mission:
     return mission
 
 
+_NUMBERS = {
+    'tag:yaml.org,2002:int': r"""[-+]? (0 | [1-9][0-9_]* | 0b[01_]+ | 0x[0-9a-fA-F_]+)$""",
+    'tag:yaml.org,2002:float': r"""[-+]? (
+        ([0-9][0-9_]*\.[0-9_]* | \.[0-9][0-9_]*) ([eE][-+]?[0-9]+)?
+        | [0-9][0-9_]*[eE][-+]?[0-9]+
+        | \.(inf | Inf | INF | nan | NaN | NAN)
+    )$""",
+}
+"""How numbers may be written in a mission file, by YAML's tag for what they are."""
+
+
 class _StrictLoader(yaml.SafeLoader):
-    """YAML without its silent trap: a key given twice is an error."""
+    """YAML without its silent traps.
+
+    A key given twice is an error. What YAML 1.1 reads as a number to the base 8 or 60 (010, 1:30)
+    and YAML 1.2 does not is none; 1e-3, the other way round, is one.
+    """
+
+    yaml_implicit_resolvers = {  # noqa: RUF012
+        first: [(tag, pattern) for tag, pattern in resolvers if tag not in _NUMBERS]
+        for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         keys = [(key.tag, key.value) for key, _ in node.value]
@@ -82,6 +103,10 @@ class _StrictLoader(yaml.SafeLoader):
             if isinstance(key, str) and keys.count((tag, key)) > 1:
                 raise yaml.YAMLError(f'key {key!r} twice in one mapping{node.start_mark}')
         return super().construct_mapping(node, deep=deep)
+
+
+for _tag, _pattern in _NUMBERS.items():
+    _StrictLoader.add_implicit_resolver(_tag, re.compile(_pattern, re.VERBOSE), [*'-+.0123456789'])
 
 
 def _feasibility(source: str) -> Callable[[Any], str]:
@@ -207,7 +232,8 @@ def _by_cell(
     for key in section.data:
         value = section.get(key, check)
         try:  # Keys are whole numbers, in JSON their digits.
-            cell = _cell(grid)(int(key) if isinstance(key, str) and key.isdecimal() else key)
+            whole = isinstance(key, str) and re.fullmatch('0|[1-9][0-9]{,17}', key)
+            cell = _cell(grid)(int(key) if whole else key)
         except Bad as error:
             section.fail(str(key), str(error))
         if cell in values:
