@@ -182,7 +182,7 @@ def test_ground_station_flies_a_mission(simulator, station):
     station.next('HEARTBEAT')
     assert not station.armed
     assert station.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == 4
-    station.until(lambda: any('PreArm' in text for text in station.texts), 'no reason')
+    station.until(lambda: any('Arm: ' in text for text in station.texts), 'no reason')
     take_off(station)
     assert station.motors() == pytest.approx([1589] * 4, abs=15)
 
@@ -215,6 +215,7 @@ def test_ground_station_flies_a_mission(simulator, station):
 def test_low_battery_brings_it_home(simulator, station):
     station.next('HEARTBEAT')
     take_off(station)
+    station.set_parameter('BATT_FS_LOW_ACT', 2)
     station.set_parameter('SIM_BATT_PCT', 8)
     station.until(lambda: 'Battery Failsafe' in station.texts, 'no failsafe')
     station.until(lambda: station.latest['HEARTBEAT'].system_status == 5, 'not critical')

@@ -6,7 +6,8 @@ from statistics import mean
 
 import pytest
 
-from uav_mission_manager.autopilot.simulator.flight import Home, SimulatedFlight
+from uav_mission_manager.autopilot.simulator.flight import SimulatedFlight
+from uav_mission_manager.autopilot.simulator.guidance import Home
 from uav_mission_manager.autopilot.simulator.modes import SimulatedMode
 from uav_mission_manager.autopilot.simulator.physics import MAX_AIRSPEED, SimulatedOrigin
 
@@ -73,12 +74,46 @@ def test_local_frame_has_the_lengths_of_wgs84(origin, place, expected):
 
 def test_arming_waits_for_the_boot():
     flight = SimulatedFlight(ORIGIN)
-    run(flight, 4.9)
+    run(flight, 1.0)
+    assert not flight.arm()
+    assert texts(flight) == ['Arm: EKF3 still initialising']
+    run(flight, 3.9)
     assert not flight.arm()
     assert not flight.set_mode(SimulatedMode.GUIDED)
-    assert 'PreArm: EKF3 still initialising' in texts(flight)
+    assert 'Arm: Need Position Estimate' in texts(flight)
     run(flight, 0.2)
     assert flight.arm()
+
+
+def test_fix_comes_after_the_attitude_and_before_the_position():
+    flight = SimulatedFlight(ORIGIN, boot_seconds=40.0)
+
+    def time_of(name):
+        return run_until(flight, lambda: getattr(flight.estimator, name), 40.1)
+
+    assert time_of('attitude_ok') == pytest.approx(12.0, abs=0.1)
+    assert time_of('gps_fix') > 5.0
+    assert time_of('position_ok') > 5.0
+    assert flight.time == pytest.approx(40.0, abs=0.1)
+
+
+def test_without_gps_no_position_ever_comes():
+    flight = SimulatedFlight(ORIGIN)
+    flight.parameters['SIM_GPS1_ENABLE'] = 0.0
+    run(flight, 20.0)
+    assert not flight.position_ok
+    assert not flight.estimator.located
+    flight.parameters['SIM_GPS1_ENABLE'] = 1.0
+    run(flight, 0.1)
+    assert flight.position_ok
+
+
+def test_what_keeps_it_from_arming_is_told_unasked():
+    flight = SimulatedFlight(ORIGIN, boot_seconds=70.0)
+    run(flight, 89.0)
+    assert texts(flight) == ['PreArm: Need Position Estimate'] * 2
+    run(flight, 60.0)
+    assert len(texts(flight)) == 2
 
 
 def test_take_off_only_armed_in_guided_and_on_the_ground(flight):
@@ -89,8 +124,29 @@ def test_take_off_only_armed_in_guided_and_on_the_ground(flight):
     assert flight.set_mode(SimulatedMode.GUIDED)
     assert not flight.take_off(-1.0)
     assert flight.take_off(20.0)
+    assert run_until(flight, lambda: not flight.body.on_ground, 5.0) == pytest.approx(3.5, abs=0.1)
     run(flight, 15.0)
     assert not flight.take_off(30.0)
+
+
+def test_second_take_off_while_motors_spool_up_is_accepted(flight):
+    flight.arm()
+    flight.take_off(20.0)
+    run(flight, 2.0)
+    assert flight.take_off(10.0)
+    assert run_until(flight, lambda: not flight.body.on_ground, 2.0) == pytest.approx(1.5, abs=0.1)
+    run(flight, 20.0)
+    assert flight.body.altitude == pytest.approx(10.0, abs=0.1)
+
+
+def test_idle_timer_does_not_interfere_with_a_take_off(flight):
+    flight.parameters['DISARM_DELAY'] = 4.0
+    flight.arm()
+    run(flight, 3.0)
+    flight.take_off(20.0)
+    run(flight, 5.0)
+    assert flight.armed
+    assert not flight.body.on_ground
 
 
 def test_target_alone_lifts_nothing(flight):
@@ -117,17 +173,31 @@ def test_flies_to_the_target_within_its_limits(airborne):
     assert change <= 2.5 + 1e-6
 
 
-def test_speed_lasts_until_the_mode_changes(airborne):
+def ground_speed_towards(flight, target):
+    flight.go_to(target, 20.0)
+    run(flight, 8.0)
+    return abs(flight.body.velocity)
+
+
+def test_speed_set_before_the_first_target_is_lost(airborne):
     assert airborne.set_speed(1, 4.0)
-    airborne.go_to(1000 + 0j, 20.0)
+    assert ground_speed_towards(airborne, 1000 + 0j) == pytest.approx(10.0)
+    assert airborne.set_speed(1, 4.0)
     run(airborne, 8.0)
     assert abs(airborne.body.velocity) == pytest.approx(4.0)
+    assert ground_speed_towards(airborne, 1000j) == pytest.approx(4.0)
+
+
+def test_speed_is_lost_when_guided_is_entered_anew(airborne):
+    ground_speed_towards(airborne, 1000 + 0j)
+    airborne.set_speed(1, 4.0)
+    airborne.set_mode(SimulatedMode.GUIDED)  # it is already: nothing is entered
+    assert ground_speed_towards(airborne, 1000j) == pytest.approx(4.0)
     airborne.set_mode(SimulatedMode.LOITER)
     assert not airborne.set_speed(1, 6.0)
     airborne.set_mode(SimulatedMode.GUIDED)
-    airborne.go_to(1000 + 0j, 20.0)
-    run(airborne, 8.0)
-    assert abs(airborne.body.velocity) == pytest.approx(10.0)
+    assert airborne.set_speed(1, 6.0)
+    assert ground_speed_towards(airborne, 1000 + 0j) == pytest.approx(10.0)
 
 
 def test_brake_stops_and_stays(airborne):
@@ -211,30 +281,52 @@ def test_empty_battery_stops_the_motors(airborne):
     assert 'Crash: Disarming' in texts(airborne)
 
 
-def test_low_charge_returns_then_lands(airborne):
-    airborne.parameters['BATT_CRT_VOLT'] = 10.3
+def test_low_voltage_returns_then_lands_if_wanted(airborne):
+    airborne.parameters.update(BATT_CRT_VOLT=10.3, BATT_FS_LOW_ACT=2, BATT_FS_CRT_ACT=1)
     airborne.go_to(200 + 0j, 20.0)
     run(airborne, 10.0)
-    airborne.set_charge(9.0)
-    assert run_until(airborne, lambda: airborne.mode == SimulatedMode.RTL, 11.0) >= 10.0
+    airborne.parameters['SIM_BATT_VOLTAGE'] = 10.4
+    assert run_until(airborne, lambda: airborne.mode == SimulatedMode.RTL, 11.0) >= 9.9
     assert airborne.failsafe
     assert airborne.battery.level == 1
-    assert run_until(airborne, lambda: airborne.mode == SimulatedMode.LAND, 11.0) >= 10.0
+    airborne.parameters['SIM_BATT_VOLTAGE'] = 10.2
+    assert run_until(airborne, lambda: airborne.mode == SimulatedMode.LAND, 11.0) >= 9.9
     assert airborne.battery.level == 2
     assert texts(airborne).count('Battery Failsafe') == 2
     run_until(airborne, lambda: not airborne.armed, 60.0)
+    airborne.parameters['SIM_BATT_VOLTAGE'] = 0.0
     airborne.set_mode(SimulatedMode.GUIDED)
-    assert not airborne.arm()
+    run(airborne, 20.0)
+    assert airborne.failsafe  # also disarmed, and with a good voltage
     airborne.set_charge(100.0)
     run(airborne, 0.1)
-    assert airborne.battery.level == 0
+    assert not airborne.failsafe
     assert airborne.arm()
 
 
-def test_low_voltage_leaves_the_charge(airborne):
+def test_low_voltage_only_warns_by_default(airborne):
     airborne.parameters['SIM_BATT_VOLTAGE'] = 9.0
-    run_until(airborne, lambda: airborne.mode == SimulatedMode.RTL, 11.0)
-    assert airborne.body.battery.charge > 0.95
+    run_until(airborne, lambda: airborne.failsafe, 11.0)
+    assert airborne.battery.level == 1
+    assert 'Battery Failsafe' in texts(airborne)
+    run(airborne, 20.0)
+    assert airborne.mode == SimulatedMode.GUIDED
+    assert airborne.battery.level == 1  # there is no critical voltage by default
+    assert airborne.body.battery.charge > 0.9
+
+
+def test_battery_failsafe_disarms_on_the_ground(flight):
+    flight.parameters.update(SIM_BATT_VOLTAGE=9.0, DISARM_DELAY=0.0)
+    run(flight, 0.1)
+    assert not flight.arm()
+    assert 'Arm: Battery 1 low voltage failsafe' in texts(flight)
+    run(flight, 20.0)
+    assert not flight.failsafe  # only watched while armed
+    assert flight.arm(force=True)
+    run(flight, 10.1)
+    assert not flight.armed
+    assert 'Battery Failsafe - Disarming' in texts(flight)
+    assert flight.failsafe
 
 
 def test_short_dip_of_the_voltage_is_no_failsafe(airborne):
@@ -250,7 +342,7 @@ def test_lost_gps_lands_and_drifts(airborne):
     airborne.parameters['SIM_WIND_SPD'] = 5.0
     run(airborne, 5.0)
     airborne.parameters['SIM_GPS1_ENABLE'] = 0.0
-    assert run_until(airborne, lambda: not airborne.gps_fix, 3.0) > 0.5
+    assert run_until(airborne, lambda: not airborne.estimator.gps_fix, 3.0) > 0.5
     assert airborne.position_ok
     assert run_until(airborne, lambda: airborne.mode == SimulatedMode.LAND, 8.0) > 5.0
     assert airborne.failsafe
@@ -301,6 +393,100 @@ def test_home_moves_to_where_it_is_armed_unless_locked(airborne):
     assert airborne.home.position == 5j
 
 
+def test_landing_disarms_two_seconds_after_touch_down(airborne):
+    airborne.set_mode(SimulatedMode.LAND)
+    run_until(airborne, lambda: airborne.body.on_ground, 60.0)
+    assert run_until(airborne, lambda: not airborne.armed, 5.0) == pytest.approx(2.0, abs=0.1)
+
+
+def test_lost_remote_control_returns_and_its_return_changes_nothing(airborne):
+    airborne.parameters['SIM_RC_FAIL'] = 1
+    assert run_until(airborne, lambda: airborne.failsafe, 2.0) >= 0.9
+    assert 'Radio Failsafe' in texts(airborne)
+    assert airborne.mode == SimulatedMode.RTL
+    airborne.parameters['SIM_RC_FAIL'] = 0
+    run(airborne, 0.1)
+    assert 'Radio Failsafe Cleared' in texts(airborne)
+    assert not airborne.failsafe
+    assert airborne.mode == SimulatedMode.RTL
+
+
+def test_guided_goes_on_without_remote_control_if_wanted(airborne):
+    airborne.parameters.update(FS_OPTIONS=4, SIM_RC3=900.0)  # as receivers without signal do
+    run(airborne, 2.0)
+    assert airborne.failsafe
+    assert airborne.mode == SimulatedMode.GUIDED
+    assert 'Radio Failsafe - Continuing Guided Mode' in texts(airborne)
+
+
+def test_remote_control_is_not_watched_if_not_wanted(airborne):
+    airborne.parameters.update(FS_THR_ENABLE=0, SIM_RC_FAIL=1)
+    run(airborne, 5.0)
+    assert not airborne.failsafe
+    assert airborne.mode == SimulatedMode.GUIDED
+
+
+def test_arming_needs_a_low_throttle_but_none_below_the_failsafe(flight):
+    flight.parameters['SIM_RC3'] = 1500.0
+    assert flight.arming_faults() == []  # only arming itself asks for it
+    assert not flight.arm()
+    assert texts(flight) == ['Arm: Throttle (RC3) is not neutral']
+    flight.parameters['SIM_RC3'] = 900.0
+    assert flight.arming_faults() == ['Throttle below failsafe']
+    flight.parameters['SIM_RC3'] = 1000.0
+    assert flight.arm()
+
+
+def test_lost_ground_station_returns_once_it_was_heard(airborne):
+    airborne.parameters['FS_GCS_ENABLE'] = 1
+    run(airborne, 20.0)
+    assert not airborne.failsafe
+    airborne.failsafes.hear_ground_station()
+    wait = run_until(airborne, lambda: airborne.mode == SimulatedMode.RTL, 6.0)
+    assert wait == pytest.approx(5.0, abs=0.1)
+    assert 'GCS Failsafe' in texts(airborne)
+    airborne.failsafes.hear_ground_station()
+    run(airborne, 0.1)
+    assert not airborne.failsafe
+
+
+def test_remote_control_lost_in_a_critical_landing_changes_nothing(airborne):
+    airborne.parameters.update(SIM_BATT_VOLTAGE=9.0, BATT_FS_LOW_ACT=1)
+    run(airborne, 11.0)
+    assert airborne.mode == SimulatedMode.LAND
+    airborne.parameters['SIM_RC_FAIL'] = 1
+    run(airborne, 2.0)
+    assert airborne.mode == SimulatedMode.LAND
+    assert 'Radio Failsafe - Continuing Landing' in texts(airborne)
+
+
+def test_targets_outside_the_fence_are_refused(airborne):
+    airborne.parameters.update(FENCE_ENABLE=1, FENCE_RADIUS=50.0, FENCE_ALT_MAX=30.0)
+    airborne.texts.clear()
+    assert not airborne.go_to(51 + 0j, 20.0)
+    assert not airborne.go_to(0j, 31.0)
+    assert texts(airborne) == []
+    assert airborne.go_to(49 + 0j, 29.0)
+
+
+def test_reboot_starts_anew_where_it_is(airborne):
+    assert not airborne.reboot()
+    airborne.go_to(30 + 0j, 20.0)
+    run(airborne, 15.0)
+    airborne.set_mode(SimulatedMode.LAND)
+    run_until(airborne, lambda: not airborne.armed, 60.0)
+    charge = airborne.body.battery.charge
+    assert airborne.reboot()
+    assert airborne.time < 0.0
+    assert airborne.mode == SimulatedMode.STABILIZE
+    assert not airborne.position_ok
+    run(airborne, 6.1)
+    assert airborne.position_ok
+    assert airborne.body.position == pytest.approx(30.0, abs=0.3)
+    assert airborne.home.position == airborne.body.position
+    assert airborne.body.battery.charge == pytest.approx(charge, abs=0.01)
+
+
 def test_idle_motors_stop_after_ten_seconds(flight):
     flight.arm()
     run(flight, 9.9)
@@ -314,7 +500,10 @@ def test_idle_motors_stop_after_ten_seconds(flight):
 def test_disarming_in_the_air_needs_force(airborne):
     assert not airborne.disarm()
     assert airborne.disarm(force=True)
-    run(airborne, 4.0)
+    assert airborne.landed
+    run(airborne, 1.0)
+    assert airborne.body.altitude > 10.0
+    run(airborne, 3.0)
     assert airborne.body.on_ground
     assert airborne.body.impact > 10.0
 
@@ -338,7 +527,7 @@ def test_same_seed_same_noise():
         flight.set_mode(SimulatedMode.GUIDED)
         flight.arm()
         flight.take_off(5.0)
-        run(flight, 1.0)
+        run(flight, 5.0)
         return flight.body.motors
 
     assert outputs(3) == outputs(3) != outputs(4)

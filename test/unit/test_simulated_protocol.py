@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from uav_mission_manager.autopilot.simulator import commands
 from uav_mission_manager.autopilot.simulator.flight import SimulatedFlight
+from uav_mission_manager.autopilot.simulator.guidance import Home
 from uav_mission_manager.autopilot.simulator.link import SimulatedLink
 from uav_mission_manager.autopilot.simulator.messages import MESSAGE_BUILDERS
 from uav_mission_manager.autopilot.simulator.modes import SimulatedMode
@@ -101,10 +102,10 @@ class Peer:
             self.autopilot.step(DT)
 
 
-def connect(boot_seconds=0.5, peers=1):
+def connect(boot_seconds=0.5, peers=1, camera=False):
     peers = [Peer() for _ in range(peers)]
     flight = SimulatedFlight(SimulatedOrigin(47.0, 8.0, 400.0), boot_seconds)
-    autopilot = SimulatedAutopilot(flight, [peer.link for peer in peers])
+    autopilot = SimulatedAutopilot(flight, [peer.link for peer in peers], camera=camera)
     for peer in peers:
         peer.autopilot = autopilot
     return peers
@@ -174,7 +175,8 @@ def test_early_arming_fails_with_a_reason():
     (peer,) = connect()
     peer.run(0.2)
     assert peer.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == 4
-    assert any('PreArm' in m.text for m in peer.take('STATUSTEXT'))
+    kinds = [m.get_type() for m in peer.take()]
+    assert kinds.index('STATUSTEXT') < kinds.index('COMMAND_ACK')
     assert peer.unhealthy() & mavlink.MAV_SYS_STATUS_PREARM_CHECK
     assert peer.get(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT).lat == 0
     assert peer.command(mavlink.MAV_CMD_DO_SET_MODE, 1, SimulatedMode.GUIDED) == 4
@@ -194,7 +196,10 @@ def test_heartbeat_of_a_flight(peer):
     peer.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
     assert beat() == (217, 4, 3)
     peer.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 20)
-    peer.run(5.0)
+    peer.run(3.0)
+    assert beat() == (217, 4, 3)
+    assert peer.get(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE).landed_state == 1
+    peer.run(2.0)
     assert beat() == (217, 4, 4)
     assert peer.get(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE).landed_state == 3
     peer.set_parameter('SIM_GPS1_ENABLE', 0)
@@ -236,6 +241,39 @@ def test_reposition_is_a_command_int_of_guided(airborne):
     assert airborne.command_int(number, 47.0, 8.0, 30) == 2
     assert airborne.command_int(number, 47.0, 8.0, 30, flags=1) == 0
     assert airborne.get(mavlink.MAVLINK_MSG_ID_HEARTBEAT).custom_mode == SimulatedMode.GUIDED
+
+
+@pytest.mark.parametrize('frame', [mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT])
+def test_reposition_to_a_height_above_the_sea(airborne, frame):
+    # Home is not at the origin's height: the two heights must not be mixed.
+    airborne.autopilot.flight.home = Home(0j, 7.0, locked=True)
+    assert airborne.command_int(mavlink.MAV_CMD_DO_REPOSITION, 47.0, 8.0, 435.0, frame=frame) == 0
+    airborne.run(20.0)
+    position = airborne.get(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
+    assert position.alt == pytest.approx(435000, abs=100)
+    assert position.relative_alt == pytest.approx(28000, abs=100)
+
+
+def test_speed_holds_only_if_it_is_set_after_the_first_reposition(airborne):
+    def speed_after(*orders):
+        for order in orders:
+            assert order() == 0
+        airborne.run(8.0)
+        position = airborne.get(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
+        return math.hypot(position.vx, position.vy) / 100.0
+
+    def slow():
+        return airborne.command(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 5, -1)
+
+    def away():
+        return airborne.command_int(mavlink.MAV_CMD_DO_REPOSITION, 47.1, 8.0, 20)
+
+    def aside():
+        return airborne.command_int(mavlink.MAV_CMD_DO_REPOSITION, 47.0, 8.1, 20)
+
+    assert speed_after(slow, away) == pytest.approx(10.0, abs=0.1)
+    assert speed_after(slow) == pytest.approx(5.0, abs=0.1)
+    assert speed_after(aside) == pytest.approx(5.0, abs=0.1)
 
 
 def test_position_target_moves_without_an_answer(airborne):
@@ -372,18 +410,55 @@ def test_lost_gps_in_messages(airborne):
 
 
 def test_charge_state_climbs_with_the_failsafes(airborne):
-    airborne.set_parameter('SIM_BATT_VOLTAGE', 10.0)
+    airborne.set_parameter('BATT_CRT_VOLT', 10.2)
     states = []
-    for _ in range(3):
+    for voltage in (10.4, 10.0, 0.0):
         status = airborne.get(mavlink.MAVLINK_MSG_ID_BATTERY_STATUS)
         states.append(status.charge_state)
+        airborne.set_parameter('SIM_BATT_VOLTAGE', voltage)
         airborne.run(10.1)
     assert states == [1, 2, 3]
     assert status.voltages[0] == 10000
     assert status.battery_remaining > 90
 
 
-def test_camera_beats_until_it_fails(peer):
+def test_battery_warning_leaves_the_mode(airborne):
+    airborne.set_parameter('SIM_BATT_VOLTAGE', 10.0)
+    airborne.run(10.1)
+    beat = airborne.get(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
+    assert (beat.custom_mode, beat.system_status) == (SimulatedMode.GUIDED, 5)
+    airborne.command(mavlink.MAV_CMD_NAV_LAND)
+    airborne.run(60.0)
+    assert not airborne.autopilot.flight.armed
+    assert airborne.get(mavlink.MAVLINK_MSG_ID_HEARTBEAT).system_status == 5
+    airborne.set_parameter('SIM_BATT_VOLTAGE', 0.0)
+    airborne.run(1.0)
+    assert airborne.get(mavlink.MAVLINK_MSG_ID_HEARTBEAT).system_status == 5
+    assert airborne.command(mavlink.MAV_CMD_BATTERY_RESET, 1, 100) == 0
+    assert airborne.get(mavlink.MAVLINK_MSG_ID_HEARTBEAT).system_status == 3
+
+
+def test_battery_reset_sets_the_charge_of_the_battery_meant(peer):
+    def remaining():
+        return peer.get(mavlink.MAVLINK_MSG_ID_SYS_STATUS).battery_remaining
+
+    assert peer.command(mavlink.MAV_CMD_BATTERY_RESET, 1, 60) == 0
+    assert remaining() == 60
+    assert peer.command(mavlink.MAV_CMD_BATTERY_RESET, 2, 80) == 0
+    assert remaining() == 60
+    assert peer.command(mavlink.MAV_CMD_BATTERY_RESET, 1, 150) == 0
+    assert remaining() == 100
+
+
+def test_there_is_no_camera_unless_wanted(peer):
+    peer.run(3.0)
+    assert peer.take('HEARTBEAT', component=100) == []
+
+
+def test_camera_beats_until_it_fails():
+    (peer,) = connect(camera=True)
+    peer.run(1.0)
+    peer.take()
     peer.run(3.0)
     beats = peer.take('HEARTBEAT', component=100)
     assert [m.type for m in beats] == [mavlink.MAV_TYPE_CAMERA] * 3
@@ -393,6 +468,136 @@ def test_camera_beats_until_it_fails(peer):
     peer.set_parameter('SIM_CAM_FAIL', 0)
     peer.run(3.0)
     assert len(peer.take('HEARTBEAT', component=100)) == 3
+
+
+def test_heartbeat_comes_at_once_when_mode_or_arming_changes():
+    first, second = connect(peers=2)
+    first.run(1.5)
+    for number, params, expected in (
+        (mavlink.MAV_CMD_DO_SET_MODE, (1, SimulatedMode.GUIDED), (89, 4)),
+        (mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1,), (217, 4)),
+        (mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (0,), (89, 4)),
+    ):
+        second.take()
+        assert first.command(number, *params) == 0
+        for peer in (first, second):
+            (beat,) = peer.take('HEARTBEAT')
+            assert (beat.base_mode, beat.custom_mode) == expected
+    assert first.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0) == 0
+    assert first.take('HEARTBEAT') == []
+    assert first.command(mavlink.MAV_CMD_DO_SET_MODE, 1, SimulatedMode.GUIDED) == 0
+    assert first.take('HEARTBEAT') == []
+
+
+def test_heartbeat_comes_at_once_in_a_failsafe(airborne):
+    airborne.run(0.5)
+    airborne.set_parameter('SIM_RC_FAIL', 1)
+    airborne.run(0.98)
+    airborne.take()
+    airborne.run(0.02)
+    (beat,) = airborne.take('HEARTBEAT')
+    assert (beat.custom_mode, beat.system_status) == (SimulatedMode.RTL, 5)
+
+
+def test_lost_remote_control_in_messages(airborne):
+    airborne.set_parameter('FS_OPTIONS', 4)
+    airborne.set_parameter('SIM_RC_FAIL', 1)
+    airborne.run(1.1)
+    assert airborne.unhealthy() == mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+    beat = airborne.get(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
+    assert (beat.custom_mode, beat.system_status) == (SimulatedMode.GUIDED, 5)
+    airborne.set_parameter('SIM_RC_FAIL', 0)
+    airborne.run(0.1)
+    assert airborne.unhealthy() == 0
+    assert airborne.get(mavlink.MAVLINK_MSG_ID_HEARTBEAT).system_status == 4
+
+
+def test_ground_station_is_the_system_that_a_parameter_names(airborne):
+    def heartbeats_for(seconds, system):
+        for _ in range(seconds):
+            sender = mavlink.MAVLink(None, system, 190)
+            message = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
+            airborne.autopilot.receive(airborne.link, message.pack(sender))
+            airborne.run(1.0)
+        return airborne.get(mavlink.MAVLINK_MSG_ID_HEARTBEAT).custom_mode
+
+    airborne.set_parameter('FS_GCS_ENABLE', 1)
+    assert heartbeats_for(10, 250) == SimulatedMode.GUIDED
+    assert heartbeats_for(10, 255) == SimulatedMode.GUIDED
+    assert heartbeats_for(10, 250) == SimulatedMode.RTL
+    airborne.command(mavlink.MAV_CMD_DO_SET_MODE, 1, SimulatedMode.GUIDED)
+    airborne.set_parameter('MAV_GCS_SYSID', 250)
+    assert heartbeats_for(10, 250) == SimulatedMode.GUIDED
+
+
+def test_reposition_outside_the_fence_fails_without_a_word(airborne):
+    number = mavlink.MAV_CMD_DO_REPOSITION
+    airborne.set_parameter('FENCE_ENABLE', 1)
+    airborne.command(mavlink.MAV_CMD_DO_SET_MODE, 1, SimulatedMode.LOITER)
+    assert airborne.command_int(number, 47.003, 8.0, 30, flags=1) == 4
+    assert airborne.take('STATUSTEXT') == []
+    assert airborne.get(mavlink.MAVLINK_MSG_ID_HEARTBEAT).custom_mode == SimulatedMode.LOITER
+    assert airborne.command_int(number, 47.002, 8.0, 30, flags=1) == 0
+    assert airborne.command_int(number, 47.002, 8.0, 101) == 4
+
+
+def test_forced_disarm_in_the_air_says_on_the_ground(airborne):
+    assert airborne.get(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE).landed_state == 2
+    assert airborne.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 21196) == 0
+    airborne.run(0.5)
+    assert airborne.get(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE).landed_state == 1
+    assert airborne.get(mavlink.MAVLINK_MSG_ID_HEARTBEAT).system_status == 3
+    assert airborne.get(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT).relative_alt > 10000
+
+
+def test_boot_as_seen_in_messages():
+    peer, witness = connect(boot_seconds=40.0, peers=2)
+    seen = []
+    for _ in range(45):
+        peer.run(1.0)
+        fix = peer.get(mavlink.MAVLINK_MSG_ID_GPS_RAW_INT)
+        seen.append(
+            (
+                peer.get(mavlink.MAVLINK_MSG_ID_HEARTBEAT).system_status,
+                peer.get(mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT).flags,
+                (fix.fix_type, fix.satellites_visible),
+                peer.get(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT).lat,
+            )
+        )
+    assert list(dict.fromkeys(seen)) == [
+        (1, 0x400, (1, 0), 0),
+        (3, 0xA7, (1, 0), 0),
+        (3, 0xA7, (6, 10), 0),
+        (3, 0x33F, (6, 10), 470000000),
+    ]
+    assert [m.text for m in witness.take('STATUSTEXT')] == ['PreArm: Need Position Estimate']
+
+
+def test_reboot_forgets_the_streams_and_begins_at_time_0(peer):
+    wanted = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+    number = mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
+    peer.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, wanted, 1e5)
+    peer.set_parameter('RTL_ALT', 2000)
+    assert peer.command(number, 2) == 3
+    assert peer.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == 0
+    assert peer.command(number, 1) == 4
+    assert peer.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0) == 0
+    peer.run(1.0)
+    peer.take()
+    assert peer.command(number, 1) == 0
+    assert peer.command(number, 1) is None
+    peer.run(0.96)
+    assert peer.take() == []
+    peer.run(0.1)
+    assert [m.get_type() for m in peer.take()] == ['HEARTBEAT', 'TIMESYNC']
+    assert peer.get(mavlink.MAVLINK_MSG_ID_HEARTBEAT).system_status == 1
+    position = peer.get(wanted)
+    assert (position.lat, position.time_boot_ms) == (0, pytest.approx(60, abs=20))
+    peer.run(1.0)
+    assert peer.take('GLOBAL_POSITION_INT') == []
+    assert peer.get(wanted).lat == 470000000
+    assert peer.autopilot.flight.parameters['RTL_ALT'] == 2000
+    assert peer.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == 0
 
 
 @given(data=st.lists(st.binary(max_size=80), max_size=5))

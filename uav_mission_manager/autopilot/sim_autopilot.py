@@ -58,14 +58,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         flush=True,
     )
     with contextlib.suppress(KeyboardInterrupt):
-        _run(flight, ports, options.system_id)
+        _run(flight, ports, options.system_id, options.camera)
     return 0
 
 
-def _run(flight: SimulatedFlight, ports: Sequence[Any], system: int) -> None:
+def _run(flight: SimulatedFlight, ports: Sequence[Any], system: int, camera: bool) -> None:
     """Let simulated time follow wall time, for ever."""
     links = [SimulatedLink(port, system) for port in ports]
-    autopilot = SimulatedAutopilot(flight, links, system)
+    autopilot = SimulatedAutopilot(flight, links, system, camera)
     owed, last = 0.0, time.monotonic()
     while True:
         speedup = flight.parameters['SIM_SPEEDUP']
@@ -108,7 +108,7 @@ def _parser() -> argparse.ArgumentParser:
         '--boot-seconds',
         type=_positive,
         default=5.0,
-        help='simulated time until it can arm (default: %(default)s)',
+        help='simulated time until it has a position (default: %(default)s)',
     )
     parser.add_argument(
         '--system-id',
@@ -118,7 +118,10 @@ def _parser() -> argparse.ArgumentParser:
         metavar='ID',
         help='MAVLink system id (default: %(default)s)',
     )
-    parser.add_argument('--seed', type=int, default=0, help='of the motor noise')
+    parser.add_argument(
+        '--camera', action='store_true', help='a camera is aboard, with heartbeats of its own'
+    )
+    parser.add_argument('--seed', type=int, default=0, help='of the motor noise and the gusts')
     return parser
 
 

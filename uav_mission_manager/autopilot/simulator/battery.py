@@ -26,8 +26,12 @@ class SimulatedBattery:
         self.charge = 1.0
         self.current = 0.0
         self.voltage = CELL_COUNT * CELL_VOLTAGES[-1]
-        self.consumed = 0.0  # [Ah] since power-up
-        self.energy = 0.0  # [J] since power-up
+        self.consumed = 0.0  # [Ah] since boot
+        self.energy = 0.0  # [J] since boot
+
+    def start_counting(self) -> None:
+        """Count what is consumed from here on."""
+        self.consumed = self.energy = 0.0
 
     def drain(self, power: float, dt: float, capacity: float, forced_voltage: float) -> None:
         """Take `power` [W] for `dt` seconds; a forced voltage (not 0) is only measured."""
@@ -41,21 +45,26 @@ class SimulatedBattery:
 
 
 class BatteryMonitor:
-    """Failsafe level 0 none, 1 low, 2 critical; one up after BATT_LOW_TIMER of low voltage."""
+    """Failsafe level 0 none, 1 low, 2 critical, after BATT_LOW_TIMER of such a voltage, armed.
+
+    It never goes down by itself: `reset` does that, as a reboot or a new battery.
+    """
 
     def __init__(self) -> None:
         self.level = 0
-        self._below = 0.0
+        self._below = [0.0, 0.0]  # [s] of low, of critical voltage
 
-    def update(self, dt: float, voltage: float, parameters: Parameters, armed: bool) -> bool:
-        """Return whether the level went up; it goes down only with a good battery, disarmed."""
+    def update(self, dt: float, voltage: float, parameters: Parameters) -> bool:
+        """Return whether the level went up."""
         limits = (parameters['BATT_LOW_VOLT'], parameters['BATT_CRT_VOLT'])
-        if not armed and voltage >= limits[0]:
-            self.level = 0
-        low = self.level < len(limits) and voltage < limits[self.level]
-        self._below = self._below + dt if low else 0.0
-        if not low or self._below < parameters['BATT_LOW_TIMER']:
-            return False
-        self.level += 1
-        self._below = 0.0
-        return True
+        timer, before = parameters['BATT_LOW_TIMER'], self.level
+        for index, limit in enumerate(limits):
+            self._below[index] = self._below[index] + dt if voltage < limit else 0.0
+            if 0.0 < timer <= self._below[index]:
+                self.level = max(self.level, index + 1)
+        return self.level > before
+
+    def reset(self) -> None:
+        """Begin anew."""
+        self.level = 0
+        self._below = [0.0, 0.0]

@@ -9,7 +9,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from uav_mission_manager.autopilot.simulator.flight import Home, SimulatedFlight
+from uav_mission_manager.autopilot.simulator.flight import SimulatedFlight
+from uav_mission_manager.autopilot.simulator.guidance import Home
 from uav_mission_manager.autopilot.simulator.link import SimulatedLink
 from uav_mission_manager.autopilot.simulator.messages import MESSAGE_BUILDERS
 from uav_mission_manager.autopilot.simulator.modes import SimulatedMode
@@ -114,7 +115,8 @@ def _reposition(flight: SimulatedFlight, _link: SimulatedLink, command: Received
     change = command.integer(2) & mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
     if target is None or (flight.mode != SimulatedMode.GUIDED and not change):
         return DENIED
-    return _done(flight.set_mode(SimulatedMode.GUIDED) and flight.go_to(*target))
+    within = flight.inside_fence(*target)  # asked first: outside, the mode stays too
+    return _done(within and flight.set_mode(SimulatedMode.GUIDED) and flight.go_to(*target))
 
 
 def _change_speed(flight: SimulatedFlight, _link: SimulatedLink, command: ReceivedCommand) -> int:
@@ -152,6 +154,20 @@ def _request_message(
     return ACCEPTED
 
 
+def _reset_battery(flight: SimulatedFlight, _link: SimulatedLink, command: ReceivedCommand) -> int:
+    """Set the charge of the batteries in a mask; there is the first one only."""
+    percent = command.params[1]
+    if math.isfinite(percent) and command.integer(1) & 1:
+        flight.set_charge(min(max(percent, 0.0), 100.0))
+    return ACCEPTED
+
+
+def _reboot(flight: SimulatedFlight, _link: SimulatedLink, command: ReceivedCommand) -> int:
+    if command.integer(1) != 1:
+        return UNSUPPORTED
+    return _done(flight.reboot())
+
+
 def _mode_command(
     mode: SimulatedMode,
 ) -> Callable[[SimulatedFlight, SimulatedLink, ReceivedCommand], int]:
@@ -167,6 +183,8 @@ _HANDLERS: dict[int, Callable[[SimulatedFlight, SimulatedLink, ReceivedCommand],
     mavlink.MAV_CMD_DO_REPOSITION: _reposition,
     mavlink.MAV_CMD_DO_CHANGE_SPEED: _change_speed,
     mavlink.MAV_CMD_DO_SET_HOME: _set_home,
+    mavlink.MAV_CMD_BATTERY_RESET: _reset_battery,
+    mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: _reboot,
     mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: _set_interval,
     mavlink.MAV_CMD_REQUEST_MESSAGE: _request_message,
 }

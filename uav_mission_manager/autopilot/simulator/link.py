@@ -24,8 +24,15 @@ class SimulatedLink:
     """Both components' MAVLink encoders, a parser, and the intervals asked for on this link."""
 
     def __init__(self, writer: Writer, system: int = 1) -> None:
-        self._autopilot = mavlink.MAVLink(writer, system, mavlink.MAV_COMP_ID_AUTOPILOT1)
-        self._camera = mavlink.MAVLink(writer, system, mavlink.MAV_COMP_ID_CAMERA)
+        self._writer, self._system = writer, system
+        self.forget()
+
+    def forget(self) -> None:
+        """Know nothing of the peer, as after boot: default streams only, due at time 0."""
+        self._autopilot = mavlink.MAVLink(
+            self._writer, self._system, mavlink.MAV_COMP_ID_AUTOPILOT1
+        )
+        self._camera = mavlink.MAVLink(self._writer, self._system, mavlink.MAV_COMP_ID_CAMERA)
         self._autopilot.robust_parsing = True
         self._interval = dict(DEFAULT_STREAM_INTERVALS)  # [s]
         self._due = dict.fromkeys(DEFAULT_STREAM_INTERVALS, 0.0)  # [s] simulated

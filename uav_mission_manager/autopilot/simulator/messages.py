@@ -24,33 +24,42 @@ ALWAYS_HEALTHY_SENSORS = (
     | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
     | mavlink.MAV_SYS_STATUS_SENSOR_GPS  # also without fix, as seen on ArduCopter
     | mavlink.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
-    | mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
 )
 """SYS_STATUS bits of what never fails here."""
 
 HEALTH_CHECKS: dict[int, Callable[[SimulatedFlight], bool]] = {
-    mavlink.MAV_SYS_STATUS_AHRS: lambda flight: flight.booted,
+    mavlink.MAV_SYS_STATUS_AHRS: lambda flight: flight.estimator.attitude_ok,
     mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG: lambda flight: not flight.parameters['SIM_MAG1_FAIL'],
     mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE: lambda flight: (
         not flight.parameters['SIM_BARO_DISABLE']
     ),
+    mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER: lambda flight: not flight.failsafes.radio,
     mavlink.MAV_SYS_STATUS_SENSOR_BATTERY: lambda flight: flight.battery.level == 0,
     mavlink.MAV_SYS_STATUS_SENSOR_PROPULSION: lambda flight: not flight.thrust_loss,
     mavlink.MAV_SYS_STATUS_PREARM_CHECK: lambda flight: flight.armed or not flight.arming_faults(),
 }
 """SYS_STATUS bits of what may fail, each with whether it is healthy."""
 
-EKF_BASE_FLAGS = mavlink.EKF_ATTITUDE | mavlink.EKF_VELOCITY_VERT | mavlink.EKF_POS_VERT_ABS
-"""EKF_STATUS_REPORT flags also without a position."""
+EKF_FLAGS_WITHOUT_POSITION = (
+    mavlink.EKF_ATTITUDE
+    | mavlink.EKF_VELOCITY_HORIZ
+    | mavlink.EKF_VELOCITY_VERT
+    | mavlink.EKF_POS_VERT_ABS
+    | mavlink.EKF_CONST_POS_MODE
+)
+"""EKF_STATUS_REPORT flags of an attitude without a position, during boot. Seen on ArduCopter."""
 
-EKF_POSITION_FLAGS = (
-    mavlink.EKF_VELOCITY_HORIZ
+EKF_FLAGS_WITH_POSITION = (
+    mavlink.EKF_ATTITUDE
+    | mavlink.EKF_VELOCITY_HORIZ
+    | mavlink.EKF_VELOCITY_VERT
     | mavlink.EKF_POS_HORIZ_REL
     | mavlink.EKF_POS_HORIZ_ABS
+    | mavlink.EKF_POS_VERT_ABS
     | mavlink.EKF_PRED_POS_HORIZ_REL
     | mavlink.EKF_PRED_POS_HORIZ_ABS
 )
-"""EKF_STATUS_REPORT flags of a position."""
+"""EKF_STATUS_REPORT flags with a position. Seen on ArduCopter."""
 
 
 def heartbeat(flight: SimulatedFlight) -> Any:
@@ -64,17 +73,22 @@ def heartbeat(flight: SimulatedFlight) -> Any:
         base |= mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
     if flight.armed:
         base |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-    state = mavlink.MAV_STATE_STANDBY if flight.body.on_ground else mavlink.MAV_STATE_ACTIVE
-    if flight.failsafe:
-        state = mavlink.MAV_STATE_CRITICAL
     return mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_QUADROTOR,
         mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
         base,
         flight.mode,
-        state,
+        _state(flight),
         3,
     )
+
+
+def _state(flight: SimulatedFlight) -> int:
+    if flight.failsafe:
+        return mavlink.MAV_STATE_CRITICAL
+    if not flight.estimator.attitude_ok:
+        return mavlink.MAV_STATE_BOOT
+    return mavlink.MAV_STATE_STANDBY if flight.landed else mavlink.MAV_STATE_ACTIVE
 
 
 def _sys_status(flight: SimulatedFlight) -> Any:
@@ -115,8 +129,9 @@ def _battery_status(flight: SimulatedFlight) -> Any:
 
 
 def _gps_raw(flight: SimulatedFlight) -> Any:
-    fix = mavlink.GPS_FIX_TYPE_RTK_FIXED if flight.gps_fix else mavlink.GPS_FIX_TYPE_NO_FIX
-    latitude, longitude = _place(flight) if flight.gps_fix else (0, 0)
+    fixed, found = flight.estimator.gps_fix, flight.estimator.gps_found
+    fix = mavlink.GPS_FIX_TYPE_RTK_FIXED if fixed else mavlink.GPS_FIX_TYPE_NO_FIX
+    latitude, longitude = _place(flight) if fixed else (0, 0)
     speed, course = cmath.polar(flight.body.velocity)
     return mavlink.MAVLink_gps_raw_int_message(
         _microseconds(flight),
@@ -124,17 +139,17 @@ def _gps_raw(flight: SimulatedFlight) -> Any:
         latitude,
         longitude,
         _altitude(flight),
-        121 if flight.gps_fix else 9999,
+        121 if fixed else 9999,
         200,
         round(speed * 100.0),
         _centidegrees(course),
-        10 if flight.gps_fix else 0,
+        10 if found else 0,  # it counts them on without a fix, as seen on ArduCopter
     )
 
 
 def _global_position(flight: SimulatedFlight) -> Any:
     body = flight.body
-    latitude, longitude = _place(flight) if flight.booted else (0, 0)
+    latitude, longitude = _place(flight) if flight.estimator.located else (0, 0)
     return mavlink.MAVLink_global_position_int_message(
         _milliseconds(flight),
         latitude,
@@ -191,7 +206,7 @@ def _servo_output(flight: SimulatedFlight) -> Any:
 
 def _extended_sys_state(flight: SimulatedFlight) -> Any:
     landed = mavlink.MAV_LANDED_STATE_IN_AIR
-    if flight.body.on_ground:
+    if flight.landed:
         landed = mavlink.MAV_LANDED_STATE_ON_GROUND
     elif flight.landing:
         landed = mavlink.MAV_LANDED_STATE_LANDING
@@ -201,13 +216,11 @@ def _extended_sys_state(flight: SimulatedFlight) -> Any:
 
 
 def _ekf_status(flight: SimulatedFlight) -> Any:
-    flags = EKF_BASE_FLAGS | (
-        EKF_POSITION_FLAGS if flight.position_ok else mavlink.EKF_CONST_POS_MODE
-    )
+    flags = mavlink.EKF_UNINITIALIZED
+    if flight.estimator.attitude_ok:
+        flags = EKF_FLAGS_WITH_POSITION if flight.position_ok else EKF_FLAGS_WITHOUT_POSITION
     compass = 1.5 if flight.parameters['SIM_MAG1_FAIL'] else 0.05
-    return mavlink.MAVLink_ekf_status_report_message(
-        flags if flight.booted else mavlink.EKF_UNINITIALIZED, 0.05, 0.05, 0.05, compass, 0.0
-    )
+    return mavlink.MAVLink_ekf_status_report_message(flags, 0.05, 0.05, 0.05, compass, 0.0)
 
 
 def _home_position(flight: SimulatedFlight) -> Any:

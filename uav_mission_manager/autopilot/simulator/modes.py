@@ -22,6 +22,3 @@ MODES_WITHOUT_POSITION = {SimulatedMode.STABILIZE, SimulatedMode.LAND}
 
 ARMABLE_MODES = {SimulatedMode.STABILIZE, SimulatedMode.GUIDED, SimulatedMode.LOITER}
 """Modes in which the vehicle arms."""
-
-BATTERY_FAILSAFE_MODES = (('low', SimulatedMode.RTL), ('critical', SimulatedMode.LAND))
-"""What the battery is called at failsafe level 1 and 2, and the mode that flies then."""

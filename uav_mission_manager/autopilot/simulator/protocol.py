@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from uav_mission_manager.autopilot.simulator import commands
 from uav_mission_manager.autopilot.simulator.flight import SimulatedFlight
 from uav_mission_manager.autopilot.simulator.link import SimulatedLink
-from uav_mission_manager.autopilot.simulator.messages import MESSAGE_BUILDERS
+from uav_mission_manager.autopilot.simulator.messages import MESSAGE_BUILDERS, heartbeat
 from uav_mission_manager.autopilot.simulator.parameters import SIMULATED_PARAMETERS
 
 NO_PARAMETER_INDEX = 65535
@@ -29,21 +29,45 @@ class SimulatedAutopilot:
     """A `SimulatedFlight` behind MAVLink links; `receive` and `step` are all that moves it."""
 
     def __init__(
-        self, flight: SimulatedFlight, links: Sequence[SimulatedLink], system: int = 1
+        self,
+        flight: SimulatedFlight,
+        links: Sequence[SimulatedLink],
+        system: int = 1,
+        camera: bool = False,
     ) -> None:
         self.flight = flight
         self._links = links
         self._system = system
+        self._camera = camera
+        self._start()
+
+    def _start(self) -> None:
+        """Begin as after boot."""
+        self._boots = self.flight.boots
         self._camera_due = 0.0
+        self._told = self._mode_and_arming()
+
+    def _notice_reboot(self) -> None:
+        if self.flight.boots != self._boots:
+            for link in self._links:
+                link.forget()
+            self._start()
+
+    def _mode_and_arming(self) -> tuple[int, bool]:
+        return self.flight.mode, self.flight.armed
 
     def step(self, dt: float) -> None:
         """Fly on by `dt` seconds of simulated time and send what is due."""
+        self._notice_reboot()
         self.flight.step(dt)
+        if self.flight.time < 0.0:
+            return
         self._send_texts()
+        self._send_changes()
         for link in self._links:
             for message in link.due(self.flight.time):
                 link.send(MESSAGE_BUILDERS[message](self.flight))
-        if self.flight.time >= self._camera_due - 1e-9:
+        if self._camera and self.flight.time >= self._camera_due - 1e-9:
             self._camera_due += 1.0
             if not self.flight.parameters['SIM_CAM_FAIL']:
                 self._send_camera_heartbeat()
@@ -52,9 +76,12 @@ class SimulatedAutopilot:
         """Act on what arrived on a link; what is not for this system is left alone."""
         for message in link.parse(data):
             handler = _HANDLERS.get(message.get_type())
-            if handler is not None and self._is_for_us(message):
+            booted = self.flight.time >= 0.0
+            if booted and handler is not None and self._is_for_us(message):
                 handler(self, link, message)
         self._send_texts()
+        self._send_changes()
+        self._notice_reboot()
 
     def _is_for_us(self, message: Any) -> bool:
         system = getattr(message, 'target_system', 0)
@@ -66,6 +93,13 @@ class SimulatedAutopilot:
             for link in self._links:
                 link.send(mavlink.MAVLink_statustext_message(severity, text.encode()[:50]))
         self.flight.texts.clear()
+
+    def _send_changes(self) -> None:
+        """Send HEARTBEAT at once when mode or arming changed."""
+        if self._told != self._mode_and_arming() and self.flight.boots == self._boots:
+            self._told = self._mode_and_arming()
+            for link in self._links:
+                link.send(heartbeat(self.flight))
 
     def _send_camera_heartbeat(self) -> None:
         for link in self._links:
@@ -84,6 +118,7 @@ class SimulatedAutopilot:
         result = commands.execute(
             self.flight, link, message.command, commands.ReceivedCommand.of(message)
         )
+        self._send_texts()
         self._acknowledge(link, message, message.command, result)
 
     def _set_mode(self, link: SimulatedLink, message: Any) -> None:
@@ -93,6 +128,7 @@ class SimulatedAutopilot:
         if custom:
             done = self.flight.set_mode(message.custom_mode)
             result = commands.ACCEPTED if done else commands.FAILED
+        self._send_texts()
         self._acknowledge(link, message, mavlink.MAVLINK_MSG_ID_SET_MODE, result)
 
     def _acknowledge(self, link: SimulatedLink, message: Any, command: int, result: int) -> None:
@@ -113,6 +149,10 @@ class SimulatedAutopilot:
         )
         if target is not None and not message.type_mask & IGNORE_POSITION:
             self.flight.go_to(*target)
+
+    def _heartbeat(self, _link: SimulatedLink, message: Any) -> None:
+        if message.get_srcSystem() == self.flight.parameters['MAV_GCS_SYSID']:
+            self.flight.failsafes.hear_ground_station()
 
     def _timesync(self, link: SimulatedLink, message: Any) -> None:
         if message.tc1 == 0:
@@ -157,6 +197,7 @@ class SimulatedAutopilot:
 
 
 _HANDLERS: dict[str, Callable[[SimulatedAutopilot, SimulatedLink, Any], None]] = {
+    'HEARTBEAT': SimulatedAutopilot._heartbeat,
     'COMMAND_LONG': SimulatedAutopilot._command,
     'COMMAND_INT': SimulatedAutopilot._command,
     'SET_MODE': SimulatedAutopilot._set_mode,
