@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-from statistics import mean
+from itertools import pairwise
+from statistics import mean, pstdev
 
 import pytest
 
 from uav_mission_manager.autopilot.simulator.flight import SimulatedFlight
+from uav_mission_manager.autopilot.simulator.frames import (
+    HEXA_X,
+    MOTOR_FRAMES,
+    OCTA_X,
+    motor_loads,
+)
 from uav_mission_manager.autopilot.simulator.guidance import Home
 from uav_mission_manager.autopilot.simulator.modes import SimulatedMode
 from uav_mission_manager.autopilot.simulator.physics import MAX_AIRSPEED, SimulatedOrigin
@@ -63,13 +70,14 @@ def airborne(flight):
 @pytest.mark.parametrize(
     ('origin', 'place', 'expected'),
     [
-        (SimulatedOrigin(0.0, 0.0, 0.0), (1.0, 0.0), 110574.3 + 0j),
-        (SimulatedOrigin(60.0, 10.0, 0.0), (60.0, 11.0), 55800j),
+        (SimulatedOrigin(0.0, 0.0, 0.0), (0.01, 0.0), 1105.743 + 0j),
+        (SimulatedOrigin(60.0, 10.0, 0.0), (60.0, 10.02), 0.169 + 1116.0j),
+        (SimulatedOrigin(78.0, 179.99, 50.0), (78.0, -179.99), 0.079 + 464.39j),
     ],
 )
 def test_local_frame_has_the_lengths_of_wgs84(origin, place, expected):
-    assert origin.to_local(*place) == pytest.approx(expected, rel=1e-4)
-    assert origin.to_geodetic(origin.to_local(*place)) == pytest.approx(place, abs=1e-9)
+    assert origin.to_local(*place) == pytest.approx(expected, abs=0.02)
+    assert origin.to_geodetic(origin.to_local(*place)) == pytest.approx(place, abs=1e-8)
 
 
 def test_arming_waits_for_the_boot():
@@ -224,6 +232,54 @@ def test_weak_motor_turns_up(airborne, effectiveness, pwm):
     assert not airborne.thrust_loss
 
 
+@pytest.mark.parametrize(
+    ('frame', 'opposite', 'loads'),
+    [(HEXA_X, 3, (1.154, 0.923, 1.038)), (OCTA_X, 5, (1.111, 0.961, None))],
+)
+def test_motor_opposite_a_weak_one_unloads(frame, opposite, loads):
+    flight = SimulatedFlight(ORIGIN, 0.1, frame=frame)
+    run(flight, 0.2)
+    flight.set_mode(SimulatedMode.GUIDED)
+    flight.arm()
+    flight.take_off(20.0)
+    run(flight, 25.0)
+    flight.parameters.update(SIM_ENGINE_FAIL=1, SIM_ENGINE_MUL=0.8)
+    spans = [(pwm - 1000.0) / 589.0 for pwm in motor_means(flight)]
+    weak, unloaded, others = loads
+    assert spans[0] == pytest.approx(weak, abs=0.003)
+    assert spans[opposite] == pytest.approx(unloaded, abs=0.003)
+    if others is not None:
+        rest = [span for motor, span in enumerate(spans) if motor not in (0, opposite)]
+        assert rest == pytest.approx([others] * 4, abs=0.003)
+    assert flight.body.altitude == pytest.approx(20.0, abs=0.1)
+
+
+@pytest.mark.parametrize('frame', MOTOR_FRAMES.values())
+@pytest.mark.parametrize('weak', [0, 2])
+def test_weakened_motors_together_hold_it_level(frame, weak):
+    strength = [1.0] * len(frame.angles)
+    strength[weak] = 0.7
+    hover, rear = motor_loads(frame, tuple(strength))
+    for loads, wanted in ((hover, [1.0] * len(hover)), (rear, frame.rearward)):
+        produced = [share * load for share, load in zip(strength, loads)]
+        assert produced @ frame.mixer == pytest.approx(wanted @ frame.mixer, abs=1e-9)
+
+
+def test_hexacopter_bears_a_motor_that_brings_a_quadcopter_down():
+    flight = SimulatedFlight(ORIGIN, 0.1, frame=HEXA_X)
+    run(flight, 0.2)
+    flight.set_mode(SimulatedMode.GUIDED)
+    flight.arm()
+    flight.take_off(20.0)
+    run(flight, 25.0)
+    flight.parameters.update(SIM_ENGINE_FAIL=1, SIM_ENGINE_MUL=0.6)
+    run(flight, 10.0)
+    assert not flight.thrust_loss
+    flight.parameters['SIM_ENGINE_MUL'] = 0.1
+    run_until(flight, lambda: flight.thrust_loss, 3.0)
+    assert flight.body.motors[0] == 1950
+
+
 def test_motor_at_60_percent_brings_it_down(airborne):
     airborne.parameters['SIM_ENGINE_FAIL'] = 1
     airborne.parameters['SIM_ENGINE_MUL'] = 0.6
@@ -272,6 +328,26 @@ def test_head_wind_beyond_the_airspeed_costs_ground_speed(airborne):
     airborne.go_to(1000 + 0j, 20.0)
     run(airborne, 10.0)
     assert airborne.body.velocity == pytest.approx(MAX_AIRSPEED - 12.0, abs=0.01)
+
+
+def test_wind_beyond_the_airspeed_blows_it_away(airborne):
+    airborne.parameters.update(SIM_WIND_DIR=0.0, SIM_WIND_SPD=MAX_AIRSPEED + 5.0)
+    run(airborne, 20.0)
+    assert airborne.body.velocity == pytest.approx(-5.0, abs=0.01)
+    assert airborne.body.position.real < -50.0
+
+
+def test_gusts_have_the_strength_asked_for_and_last_a_while():
+    flight = SimulatedFlight(ORIGIN)
+    flight.parameters.update(SIM_WIND_SPD=3.0, SIM_WIND_DIR=0.0, SIM_WIND_TURB=2.0)
+    winds = []
+    for _ in range(100_000):
+        flight.step(DT)
+        winds.append(flight.wind)
+    assert mean(w.real for w in winds) == pytest.approx(-3.0, abs=0.4)
+    assert pstdev([w.real for w in winds]) == pytest.approx(2.0, abs=0.3)
+    assert pstdev([w.imag for w in winds]) == pytest.approx(2.0, abs=0.3)
+    assert max(abs(b - a) for a, b in pairwise(winds)) < 2.0
 
 
 def test_empty_battery_stops_the_motors(airborne):
@@ -523,11 +599,14 @@ def test_nobody_at_the_sticks_of_stabilize(airborne):
 def test_same_seed_same_noise():
     def outputs(seed):
         flight = SimulatedFlight(ORIGIN, boot_seconds=0.1, seed=seed)
+        flight.parameters['SIM_WIND_TURB'] = 1.0
         run(flight, 0.2)
         flight.set_mode(SimulatedMode.GUIDED)
         flight.arm()
         flight.take_off(5.0)
         run(flight, 5.0)
-        return flight.body.motors
+        return flight.body.motors, flight.wind
 
-    assert outputs(3) == outputs(3) != outputs(4)
+    assert outputs(3) == outputs(3)
+    for same, other in zip(outputs(3), outputs(4)):
+        assert same != other

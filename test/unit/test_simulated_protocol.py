@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from uav_mission_manager.autopilot.simulator import commands
 from uav_mission_manager.autopilot.simulator.flight import SimulatedFlight
+from uav_mission_manager.autopilot.simulator.frames import HEXA_X, OCTA_X, QUAD_X
 from uav_mission_manager.autopilot.simulator.guidance import Home
 from uav_mission_manager.autopilot.simulator.link import SimulatedLink
 from uav_mission_manager.autopilot.simulator.messages import MESSAGE_BUILDERS
@@ -102,9 +103,9 @@ class Peer:
             self.autopilot.step(DT)
 
 
-def connect(boot_seconds=0.5, peers=1, camera=False):
+def connect(boot_seconds=0.5, peers=1, camera=False, frame=QUAD_X):
     peers = [Peer() for _ in range(peers)]
-    flight = SimulatedFlight(SimulatedOrigin(47.0, 8.0, 400.0), boot_seconds)
+    flight = SimulatedFlight(SimulatedOrigin(47.0, 8.0, 400.0), boot_seconds, frame=frame)
     autopilot = SimulatedAutopilot(flight, [peer.link for peer in peers], camera=camera)
     for peer in peers:
         peer.autopilot = autopilot
@@ -389,6 +390,18 @@ def test_health_bits_of_faults(airborne, name, value, seconds, bit):
     airborne.set_parameter(name, value)
     airborne.run(seconds)
     assert airborne.unhealthy() == bit
+
+
+@pytest.mark.parametrize(
+    ('frame', 'kind', 'count'), [(QUAD_X, 2, 4), (HEXA_X, 13, 6), (OCTA_X, 14, 8)]
+)
+def test_frame_in_messages(frame, kind, count):
+    (peer,) = connect(frame=frame)
+    peer.run(0.1)
+    assert peer.get(mavlink.MAVLINK_MSG_ID_HEARTBEAT).type == kind
+    servos = peer.get(mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW)
+    outputs = [getattr(servos, f'servo{number}_raw') for number in range(1, 9)]
+    assert outputs == [1000] * count + [0] * (8 - count)
 
 
 def test_propulsion_bit_of_a_lost_motor(airborne):

@@ -16,6 +16,7 @@ from pymavlink import mavutil
 
 from uav_mission_manager.autopilot.link import read_port
 from uav_mission_manager.autopilot.simulator.flight import SimulatedFlight
+from uav_mission_manager.autopilot.simulator.frames import MOTOR_FRAMES
 from uav_mission_manager.autopilot.simulator.link import SimulatedLink
 from uav_mission_manager.autopilot.simulator.physics import SimulatedOrigin
 from uav_mission_manager.autopilot.simulator.protocol import SimulatedAutopilot
@@ -36,7 +37,7 @@ MAX_CATCH_UP_TIME = 0.25
 """Wall time [s] that is made up for after a stall: a choice; what is more is lost."""
 
 MAX_LATITUDE = 85.0
-"""Latitude [deg] up to which the vehicle can stand: a choice, as the local frame is flat."""
+"""Latitude [deg] up to which the vehicle can stand: a choice, as north turns near a pole."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -50,7 +51,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f'{" ".join(names)}: {error}')
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
-    flight = SimulatedFlight(options.origin, options.boot_seconds, options.seed)
+    frame = MOTOR_FRAMES[options.frame]
+    flight = SimulatedFlight(options.origin, options.boot_seconds, options.seed, frame)
     flight.parameters['SIM_SPEEDUP'] = options.speedup
     place = ','.join(str(value) for value in astuple(options.origin))
     print(
@@ -117,6 +119,9 @@ def _parser() -> argparse.ArgumentParser:
         choices=range(1, 256),
         metavar='ID',
         help='MAVLink system id (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--frame', choices=MOTOR_FRAMES, default='quad', help='of motors (default: %(default)s)'
     )
     parser.add_argument(
         '--camera', action='store_true', help='a camera is aboard, with heartbeats of its own'

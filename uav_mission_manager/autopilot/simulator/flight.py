@@ -5,6 +5,7 @@ from __future__ import annotations
 from uav_mission_manager.autopilot.simulator.battery import BatteryMonitor
 from uav_mission_manager.autopilot.simulator.estimator import Estimator
 from uav_mission_manager.autopilot.simulator.failsafes import CRITICAL, INFO, WARNING, Failsafes
+from uav_mission_manager.autopilot.simulator.frames import QUAD_X, MotorFrame
 from uav_mission_manager.autopilot.simulator.guidance import Guidance, Home
 from uav_mission_manager.autopilot.simulator.modes import (
     ARMABLE_MODES,
@@ -49,10 +50,16 @@ class SimulatedFlight:
         Reboots so far.
     """
 
-    def __init__(self, origin: SimulatedOrigin, boot_seconds: float = 5.0, seed: int = 0) -> None:
+    def __init__(
+        self,
+        origin: SimulatedOrigin,
+        boot_seconds: float = 5.0,
+        seed: int = 0,
+        frame: MotorFrame = QUAD_X,
+    ) -> None:
         self.origin = origin
         self.parameters = Parameters()
-        self.body = Multirotor(seed)
+        self.body = Multirotor(seed, frame)
         self.boots = 0
         self._boot_seconds = boot_seconds
         self._wind = SimulatedWind(seed)
@@ -267,10 +274,10 @@ class SimulatedFlight:
     def _conditions(self) -> Conditions:
         weak = int(self.parameters['SIM_ENGINE_FAIL'])
         share = self.parameters['SIM_ENGINE_MUL']
-        a, b, c, d = (share if weak >> motor & 1 else 1.0 for motor in range(4))
+        motors = range(len(self.body.motors))
         return Conditions(
             self.wind,
-            (a, b, c, d),
+            tuple(share if weak >> motor & 1 else 1.0 for motor in motors),
             self.parameters['SIM_BATT_CAP_AH'],
             self.parameters['SIM_BATT_VOLTAGE'],
         )

@@ -11,10 +11,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from uav_mission_manager.autopilot.simulator.flight import SimulatedFlight
 from uav_mission_manager.autopilot.simulator.modes import SimulatedMode
-from uav_mission_manager.autopilot.simulator.physics import MAX_SPAN, STOPPED_PWM
+from uav_mission_manager.autopilot.simulator.physics import MAX_SPAN
 
 UNKNOWN_UINT16 = 65535
 """MAVLink's value of an unknown uint16_t."""
+
+SERVO_OUTPUTS = 8
+"""Outputs in SERVO_OUTPUT_RAW, without MAVLink 2's extension."""
 
 BOOT_UNIX_TIME = 1767225600.0
 """Unix time [s] when every simulation boots: a choice, 2026 begins, whatever the wall clock."""
@@ -74,7 +77,7 @@ def heartbeat(flight: SimulatedFlight) -> Any:
     if flight.armed:
         base |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
     return mavlink.MAVLink_heartbeat_message(
-        mavlink.MAV_TYPE_QUADROTOR,
+        flight.body.frame.mav_type,
         mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
         base,
         flight.mode,
@@ -186,7 +189,7 @@ def _attitude(flight: SimulatedFlight) -> Any:
 
 def _vfr_hud(flight: SimulatedFlight) -> Any:
     body = flight.body
-    throttle = sum(pwm - STOPPED_PWM for pwm in body.motors) / (4.0 * MAX_SPAN) * 100.0
+    throttle = body.mean_span() / MAX_SPAN * 100.0
     return mavlink.MAVLink_vfr_hud_message(
         abs(body.velocity - flight.wind),
         abs(body.velocity),
@@ -198,9 +201,10 @@ def _vfr_hud(flight: SimulatedFlight) -> Any:
 
 
 def _servo_output(flight: SimulatedFlight) -> Any:
-    outputs = (round(pwm) for pwm in flight.body.motors)
+    outputs = [round(pwm) for pwm in flight.body.motors]
+    unused = [0] * (SERVO_OUTPUTS - len(outputs))
     return mavlink.MAVLink_servo_output_raw_message(
-        _microseconds(flight) % 2**32, 0, *outputs, 0, 0, 0, 0
+        _microseconds(flight) % 2**32, 0, *outputs, *unused
     )
 
 

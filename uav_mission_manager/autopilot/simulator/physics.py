@@ -1,4 +1,4 @@
-"""Physics of a small quadrotor: a point mass with four motors and a battery, in SI units.
+"""Physics of a small multirotor: a point mass with motors and a battery, in SI units.
 
 Horizontal vectors are complex numbers north + i east, so that abs() is the length and
 phase() the bearing; altitude and climb count upward from the ground at the origin.
@@ -12,15 +12,11 @@ import random
 from dataclasses import dataclass
 
 from uav_mission_manager.autopilot.simulator.battery import SimulatedBattery
+from uav_mission_manager.autopilot.simulator.frames import QUAD_X, MotorFrame, motor_loads
+from uav_mission_manager.geodesy import Origin
 
 GRAVITY = 9.80665
 """Standard gravity [m/s2]."""
-
-WGS84_SEMI_MAJOR_AXIS = 6378137.0
-"""Equatorial radius of the WGS84 ellipsoid [m]."""
-
-WGS84_E2 = 6.69437999014e-3
-"""First eccentricity of the WGS84 ellipsoid, squared."""
 
 MAX_ACCELERATION, MAX_CLIMB_ACCELERATION = 2.5, 1.0
 """Largest change of the horizontal and of the vertical velocity [m/s2]. ArduCopter's defaults
@@ -47,9 +43,6 @@ HOVER_SPAN, MAX_SPAN = HOVER_PWM - STOPPED_PWM, MAX_PWM - STOPPED_PWM
 PWM_NOISE = 2.0
 """Standard deviation of the outputs [us]: a choice."""
 
-REAR_MOTORS = (-1.0, 1.0, -1.0, 1.0)
-"""1 for rear motors of a quad X: front right, rear left, front left, rear right."""
-
 REAR_MOTOR_LOAD = 0.0015
 """How much harder rear motors work, front ones less, over airspeed [1/(m/s)]: a choice."""
 
@@ -74,28 +67,18 @@ class SimulatedOrigin:
     longitude: float
     altitude: float
 
-    def _metres_per_radian(self) -> tuple[float, float]:
-        """North and east, from the WGS84 radii of curvature."""
-        latitude = math.radians(self.latitude)
-        w2 = 1.0 - WGS84_E2 * math.sin(latitude) ** 2
-        prime_vertical = WGS84_SEMI_MAJOR_AXIS / math.sqrt(w2)
-        return prime_vertical * (1.0 - WGS84_E2) / w2, prime_vertical * math.cos(latitude)
+    @property
+    def _plane(self) -> Origin:
+        return Origin(self.latitude, self.longitude, self.altitude)
 
     def to_geodetic(self, position: complex) -> tuple[float, float]:
         """Latitude and longitude [deg] of a local position."""
-        north, east = self._metres_per_radian()
-        return (
-            self.latitude + math.degrees(position.real / north),
-            self.longitude + math.degrees(position.imag / east),
-        )
+        return self._plane.to_geodetic(position.imag, position.real)
 
     def to_local(self, latitude: float, longitude: float) -> complex:
         """Local position of a latitude and longitude [deg]."""
-        north, east = self._metres_per_radian()
-        return complex(
-            math.radians(latitude - self.latitude) * north,
-            math.radians(longitude - self.longitude) * east,
-        )
+        east, north = self._plane.to_local(latitude, longitude)
+        return complex(north, east)
 
 
 @dataclass(frozen=True)
@@ -111,7 +94,7 @@ class Conditions:
     """What is done to the body: wind velocity, motor effectiveness 0-1, battery."""
 
     wind: complex = 0j
-    effectiveness: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
+    effectiveness: tuple[float, ...] = (1.0,) * 4  # as many as the frame has motors
     capacity: float = 5.0  # [Ah]
     forced_voltage: float = 0.0  # [V]; 0: from the charge
 
@@ -119,7 +102,8 @@ class Conditions:
 class Multirotor:
     """The body, moved by `step`; it starts on the ground at the origin, facing north."""
 
-    def __init__(self, seed: int = 0) -> None:
+    def __init__(self, seed: int = 0, frame: MotorFrame = QUAD_X) -> None:
+        self.frame = frame
         self.position = 0j
         self.altitude = 0.0
         self.velocity = 0j
@@ -129,7 +113,7 @@ class Multirotor:
         self.on_ground = True
         self.impact = 0.0  # [m/s] of the last touch-down
         self.thrust_short = False  # the motors cannot carry the weight
-        self.motors: tuple[float, ...] = (STOPPED_PWM,) * 4
+        self.motors: tuple[float, ...] = (STOPPED_PWM,) * len(frame.angles)
         self.battery = SimulatedBattery()
         self._random = random.Random(seed)
 
@@ -140,16 +124,21 @@ class Multirotor:
         acceleration = self._move_vertically(dt, demand, load, conditions)
         self._move_horizontally(dt, demand, conditions.wind)
         if demand is None:
-            self.motors = (MIN_SPINNING_PWM if armed else STOPPED_PWM,) * 4
+            idle = MIN_SPINNING_PWM if armed else STOPPED_PWM
+            self.motors = (idle,) * len(self.motors)
             power = IDLE_POWER if armed else 0.0
         else:
             thrust = load * (1.0 + acceleration / GRAVITY)
             self._turn_motors(thrust, airspeed, conditions.effectiveness)
-            effort = sum(pwm - STOPPED_PWM for pwm in self.motors) / (4.0 * HOVER_SPAN)
+            effort = self.mean_span() / HOVER_SPAN
             power = HOVER_POWER * effort**1.5 + DRAG_POWER * airspeed**3
         self.battery.drain(
             power + AVIONICS_POWER, dt, conditions.capacity, conditions.forced_voltage
         )
+
+    def mean_span(self) -> float:
+        """Mean output of the motors above that of a motor at rest [us]."""
+        return sum(self.motors) / len(self.motors) - STOPPED_PWM
 
     def _move_vertically(
         self, dt: float, demand: Demand | None, load: float, conditions: Conditions
@@ -176,10 +165,11 @@ class Multirotor:
         return wanted
 
     def _lift(self, conditions: Conditions) -> float:
-        """Greatest lift over the weight: the weakest corner limits a level vehicle."""
+        """Greatest lift over the weight: the motor that works hardest limits a level vehicle."""
         if self.battery.charge <= 0.0:
             return 0.0
-        return min(conditions.effectiveness) * MAX_SPAN / HOVER_SPAN
+        hover, _ = motor_loads(self.frame, conditions.effectiveness)
+        return MAX_SPAN / HOVER_SPAN / max(hover)
 
     def _move_horizontally(self, dt: float, demand: Demand | None, wind: complex) -> None:
         before = self.velocity
@@ -207,10 +197,9 @@ class Multirotor:
         self, thrust: float, airspeed: float, effectiveness: tuple[float, ...]
     ) -> None:
         """Set the outputs [us] that give `thrust` (1: the weight) with weakened motors."""
-        spans = (
-            HOVER_SPAN * thrust * (1.0 + side * REAR_MOTOR_LOAD * airspeed) / max(share, 1e-3)
-            for side, share in zip(REAR_MOTORS, effectiveness, strict=True)
-        )
+        hover, rear = motor_loads(self.frame, effectiveness)
+        lean = REAR_MOTOR_LOAD * airspeed
+        spans = (HOVER_SPAN * thrust * (a + lean * b) for a, b in zip(hover, rear, strict=True))
         noisy = (STOPPED_PWM + span + self._random.gauss(0.0, PWM_NOISE) for span in spans)
         self.motors = tuple(min(max(pwm, MIN_SPINNING_PWM), MAX_PWM) for pwm in noisy)
 
