@@ -1,6 +1,8 @@
 """One vehicle: base station, manager and bridge, and a simulated autopilot if asked for.
 
-ros2 launch uav_mission_manager mission.launch.py namespace:=uav1 simulate:=true allow_arming:=true
+ros2 launch uav_mission_manager mission.launch.py system:=1 simulate:=true allow_arming:=true
+
+Vehicles with MAVLink system ids of their own have namespaces and ports of their own.
 """
 
 from __future__ import annotations
@@ -19,14 +21,22 @@ from uav_mission_manager.policy import load_policy
 
 PACKAGE = 'uav_mission_manager'
 SHARE = share_directory()
+FIRST_PORT, PORTS_APART = 14550, 10
+"""UDP port of system 1, and how far apart the ports of systems are: ArduPilot SITL's."""
+
 ARGUMENTS = {
-    'namespace': ('uav1', 'namespace of the vehicle'),
+    'system': ('1', 'MAVLink system id of the vehicle, 1 to 255'),
+    'namespace': ('', 'namespace of the vehicle; empty is uav<system>'),
     'mission': (
         f'{SHARE}/config/case_study.yaml',
         'mission file that the policy set was built from',
     ),
     'policy': (f'{SHARE}/policies/case_study', 'directory of the policy set'),
-    'connection': ('udpin:127.0.0.1:14550', 'pymavlink connection string of the bridge'),
+    'connection': (
+        '',
+        'pymavlink connection string of the bridge; empty is udpin:127.0.0.1: and the port '
+        '14550 + 10 * (system - 1), as ArduPilot SITL counts its instances',
+    ),
     'params': (
         f'{SHARE}/config/nodes.yaml',
         'file of node parameters; the arguments here override it',
@@ -41,37 +51,70 @@ def argument(name: str, value_type: type = str) -> ParameterValue:
     return ParameterValue(LaunchConfiguration(name), value_type=value_type)
 
 
-def node(executable: str, **parameters: ParameterValue) -> Node:
-    """Return one of this package's nodes in the vehicle's namespace."""
-    return Node(
-        package=PACKAGE,
-        executable=executable,
-        namespace=LaunchConfiguration('namespace'),
-        parameters=[LaunchConfiguration('params'), parameters],
-        output='screen',
-    )
+def value(context: LaunchContext, name: str) -> str:
+    """Return what the launch argument `name` is."""
+    return str(LaunchConfiguration(name).perform(context))
+
+
+def system_id(context: LaunchContext) -> int:
+    """Return the vehicle's MAVLink system id; refuse what is none."""
+    text = value(context, 'system')
+    if not (text.isdecimal() and 1 <= int(text) <= 255):
+        raise RuntimeError(f'system {text!r} is not a MAVLink system id, 1 to 255')
+    return int(text)
+
+
+def connection(context: LaunchContext) -> str:
+    """Return the bridge's end of the connection: as given, or on the port of the system id."""
+    port = FIRST_PORT + PORTS_APART * (system_id(context) - 1)
+    return value(context, 'connection') or f'udpin:127.0.0.1:{port}'
+
+
+def nodes(context: LaunchContext) -> list[Node]:
+    """Return this package's nodes of one vehicle, in its namespace."""
+    namespace = value(context, 'namespace') or f'uav{system_id(context)}'
+    own: dict[str, dict[str, object]] = {
+        'base_station': {'mission': argument('mission')},
+        'manager': {'policy': argument('policy')},
+        'mavlink_bridge': {
+            'mission': argument('mission'),
+            'connection': ParameterValue(connection(context), value_type=str),
+            'target_system': system_id(context),
+            'allow_arming': argument('allow_arming', bool),
+        },
+    }
+    return [
+        Node(
+            package=PACKAGE,
+            executable=executable,
+            namespace=namespace,
+            parameters=[LaunchConfiguration('params'), parameters],
+            output='screen',
+        )
+        for executable, parameters in own.items()
+    ]
 
 
 def one_mission(context: LaunchContext) -> None:
     """Refuse a policy set that was built from another mission file."""
-    path, policy = (LaunchConfiguration(name).perform(context) for name in ('mission', 'policy'))
+    path, policy = (value(context, name) for name in ('mission', 'policy'))
     if load_mission(path) != load_policy(policy).mission:
         raise RuntimeError(f'policy {policy} was not built from mission {path}')
 
 
 def simulated_autopilot(context: LaunchContext) -> list[ExecuteProcess]:
     """Return the simulator, at the mission's origin and the other end of the connection."""
-    mission = load_mission(LaunchConfiguration('mission').perform(context))
+    mission = load_mission(value(context, 'mission'))
     origin = mission.grid.origin
     if origin is None:
         raise RuntimeError(f'mission {mission.name} has no grid.origin: the simulator needs it')
-    connection = LaunchConfiguration('connection').perform(context)
     return [
         ExecuteProcess(
             cmd=[
                 ExecutableInPackage(executable='sim_autopilot', package=PACKAGE),
                 '--connection',
-                connection.replace('udpin:', 'udpout:'),
+                connection(context).replace('udpin:', 'udpout:'),
+                f'--system-id={system_id(context)}',
                 f'--origin={origin.latitude},{origin.longitude},{origin.altitude}',
             ],
             output='screen',
@@ -88,14 +131,7 @@ def generate_launch_description() -> LaunchDescription:
                 for name, (default, text) in ARGUMENTS.items()
             ),
             OpaqueFunction(function=one_mission),
-            node('base_station', mission=argument('mission')),
-            node('manager', policy=argument('policy')),
-            node(
-                'mavlink_bridge',
-                mission=argument('mission'),
-                connection=argument('connection'),
-                allow_arming=argument('allow_arming', bool),
-            ),
+            OpaqueFunction(function=nodes),
             OpaqueFunction(
                 function=simulated_autopilot,
                 condition=IfCondition(LaunchConfiguration('simulate')),
