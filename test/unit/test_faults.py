@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from uav_mission_manager.autopilot.faults import Fault, FaultEstimator, effectiveness_by_load
+from uav_mission_manager.autopilot.faults import Fault, FaultEstimator, effectiveness_by_thrust
 from uav_mission_manager.autopilot.telemetry import Position, Telemetry
 
 HEALTHY = Telemetry(
@@ -56,19 +56,20 @@ FRAMES = {
 def balanced(
     frame: np.ndarray, effectiveness: dict[int, float], moment: tuple[float, ...] = (0.0,) * 3
 ) -> np.ndarray:
-    """Commands that balance the vehicle with weak motors, 1 each for a healthy one.
+    """Thrusts asked for that balance the vehicle with weak motors, 1 each of healthy ones.
 
-    The controller moves its four axes until thrust and moments are what they have to be.
+    The controller moves its four axes until thrust and moments are what they have to be; the
+    thrust goes with the square of the command.
     """
     count = len(frame)
-    strength = np.diag([effectiveness.get(motor, 1.0) for motor in range(count)])
+    strength = np.diag([effectiveness.get(motor, 1.0) ** 2 for motor in range(count)])
     needed = frame.T @ np.ones(count) + count * np.array([0.0, *moment])
     axes, *_ = np.linalg.lstsq(frame.T @ strength @ frame, needed, rcond=None)
     return frame @ axes
 
 
-def outputs(commands: np.ndarray) -> tuple[int, ...]:
-    pwm = [1000 + round(HOVER_SPAN * command) for command in commands]
+def outputs(thrusts: np.ndarray) -> tuple[int, ...]:
+    pwm = [1000 + round(HOVER_SPAN * thrust**0.5) for thrust in thrusts]
     return tuple(pwm) + (0,) * (16 - len(pwm))
 
 
@@ -177,13 +178,13 @@ def test_a_camera_never_heard_is_no_fault_but_a_lost_one_is():
 
 @pytest.mark.parametrize('name', FRAMES)
 @pytest.mark.parametrize('effectiveness', [0.95, 0.8, 0.7, 0.5])
-def test_the_load_of_a_weak_motor_tells_its_effectiveness(name, effectiveness):
+def test_the_thrusts_asked_for_tell_the_effectiveness_of_a_weak_motor(name, effectiveness):
     frame = FRAMES[name]
     for motor in range(len(frame)):
-        commands = balanced(frame, {motor: effectiveness})
-        seen = effectiveness_by_load(commands / commands.mean())
-        assert seen[motor] == pytest.approx(effectiveness, abs=1e-9)
-        assert min(seen) == seen[motor]
+        thrusts = balanced(frame, {motor: effectiveness})
+        seen = effectiveness_by_thrust(thrusts / thrusts.mean())
+        assert seen[motor] == pytest.approx(effectiveness, abs=1e-6)
+        assert min(np.delete(seen, motor)) > 0.9
 
 
 def test_frames_that_are_not_regular_are_read_approximately():
@@ -193,9 +194,9 @@ def test_frames_that_are_not_regular_are_read_approximately():
     octa_h = np.column_stack([np.ones(8), sides, rows, turn])
     seen = []
     for motor in range(8):
-        commands = balanced(octa_h, {motor: 0.8})
-        seen.append(effectiveness_by_load(commands / commands.mean())[motor])
-    assert sorted(seen) == pytest.approx([0.75] * 4 + [0.85] * 4, abs=0.01)
+        thrusts = balanced(octa_h, {motor: 0.8})
+        seen.append(effectiveness_by_thrust(thrusts / thrusts.mean())[motor])
+    assert sorted(seen) == pytest.approx([0.74] * 4 + [0.92] * 4, abs=0.01)
 
 
 @pytest.mark.parametrize('name', FRAMES)
@@ -207,24 +208,47 @@ def test_a_weak_motor_of_any_frame_is_reported_within_five_seconds(name, effecti
     weak = replace(healthy, motors=outputs(balanced(frame, {weakest: effectiveness})))
     watch = Watch()
     assert watch.see(10.0, healthy) == NOMINAL
-    assert watch.time_to(Fault.ACTUATOR, weak) < 5.0
+    assert watch.time_to(Fault.ACTUATOR, weak) < 4.5
     watch.see(10.0, weak)
     assert watch.estimator.effectiveness[weakest] == pytest.approx(effectiveness, abs=0.02)
 
 
-@pytest.mark.parametrize(
-    ('name', 'tolerated', 'alarming'),
-    [('quad X', 0.08, 0.10), ('hexa X', 0.035, 0.045), ('X8', 0.035, 0.045)],
-)
-def test_a_centre_of_gravity_that_is_off_looks_like_a_weak_motor_only_when_far_off(
-    name, tolerated, alarming
-):
-    # [arm lengths], to the side, where thrust is proportional to the command.
+@pytest.mark.parametrize('name', FRAMES)
+def test_turning_is_no_weak_motor(name):
     frame = FRAMES[name]
-    for offset, expected in ((tolerated, NOMINAL), (alarming, Fault.ACTUATOR)):
-        motors = outputs(balanced(frame, {}, (-offset, 0.0, 0.0)))
-        telemetry = replace(HEALTHY, motor_count=len(frame), motors=motors)
-        assert Watch().see(20.0, telemetry) == expected
+    for yaw in (-0.3, 0.3):
+        motors = outputs(balanced(frame, {}, (0.0, 0.0, yaw)))
+        watch = Watch()
+        assert watch.see(20.0, replace(HEALTHY, motor_count=len(frame), motors=motors)) == NOMINAL
+        assert min(watch.estimator.effectiveness) > 0.98
+
+
+def off_centre(offset: float, direction: float) -> tuple[float, float, float]:
+    """Moment of a centre of gravity that is off by `offset` [arm lengths]."""
+    return -offset * np.sin(direction), offset * np.cos(direction), 0.0
+
+
+@pytest.mark.parametrize(
+    ('name', 'tolerated'),
+    [('quad +', 0.26), ('hexa X', 0.16), ('octa X', 0.11), ('X8', 0.11), ('dodecahexa', 0.07)],
+)
+def test_only_a_centre_of_gravity_that_is_far_off_looks_like_a_weak_motor(name, tolerated):
+    frame = FRAMES[name]
+    alarms = []
+    for direction in np.linspace(0.0, 2.0 * np.pi, 49):
+        thrusts = balanced(frame, {}, off_centre(tolerated, direction))
+        assert min(effectiveness_by_thrust(thrusts / thrusts.mean())) > 0.85
+        thrusts = balanced(frame, {}, off_centre(1.2 * tolerated, direction))
+        alarms.append(min(effectiveness_by_thrust(thrusts / thrusts.mean())) < 0.85)
+    assert any(alarms)
+
+
+@pytest.mark.parametrize('name', FRAMES)
+def test_a_centre_of_gravity_off_a_little_hides_no_weak_motor(name):
+    frame = FRAMES[name]
+    for direction in np.linspace(0.0, 2.0 * np.pi, 25):
+        thrusts = balanced(frame, {0: 0.7}, off_centre(0.02, direction))
+        assert effectiveness_by_thrust(thrusts / thrusts.mean())[0] < 0.85
 
 
 @pytest.mark.parametrize(

@@ -17,10 +17,10 @@ FAULT_SET_DELAY = 1.0
 FAULT_CLEAR_DELAY = 5.0
 """Time [s] of health after which a sensor or camera fault is cleared: a choice."""
 
-LOAD_FILTER_TIME = 2.0
-"""Time constant [s] of the low-pass filter of the motors' loads: a choice."""
+THRUST_FILTER_TIME = 2.0
+"""Time constant [s] of the low-pass filter of the motors' thrusts: a choice."""
 
-MAX_LOAD_GAP = 2.0
+MAX_OUTPUT_GAP = 2.0
 """Time [s] without outputs after which the filter starts anew: a choice, ten messages at 5 Hz."""
 
 CAMERA_TIMEOUT = 3.0
@@ -34,7 +34,9 @@ IDLE_PWM = 1100.0
 (MOT_SPIN_ARM, a tenth of 1000 to 2000)."""
 
 ZERO_THRUST_PWM = 1000.0
-"""PWM [us] of a motor at rest: ArduCopter's default (MOT_PWM_MIN)."""
+"""PWM [us] of a motor at rest: ArduCopter's default (MOT_PWM_MIN). Around hover, thrust goes with
+the square of the PWM above it (exponent 2.0 to 2.2 for 1400 to 1700 us with ArduCopter's defaults,
+MOT_THST_EXPO 0.65 and MOT_SPIN_MIN 0.15)."""
 
 MOMENT_AXES = 3
 """Roll, pitch and yaw: what the motors' differences control."""
@@ -76,36 +78,52 @@ class Fault(IntFlag):
     CAMERA = 4
 
 
-def effectiveness_by_load(loads: Sequence[float]) -> tuple[float, ...]:
-    """Effectiveness of each motor, 0 to 1, if it alone is weak.
+def effectiveness_by_thrust(thrusts: Sequence[float]) -> tuple[float, ...]:
+    """Effectiveness of each motor, 0 to 1, were it the only weak one.
 
-    The controller commands u = M x, where the n rows of M say what each motor does for thrust,
-    roll, pitch and yaw, and x balances the vehicle: with motor j at effectiveness e,
-    M'(u - (1-e) u_j i_j) = M' u0, i_j the unit vector of j and u0 the command of every healthy
-    motor. As u0 is a column of M, u = u0 + (1-e) u_j P i_j with the projection
-    P = M (M'M)^-1 M'. Its columns add up to 1: mean(u) = u0 + (1-e) u_j / n. Where all motors
-    have the same part in the four axes, P_jj = 4/n: u_j = u0 + (1-e) u_j 4/n. Subtracting,
-    1-e = (n/3) (1 - mean(u)/u_j): exact for regular frames of n arms or n/2 coaxial pairs.
+    The thrusts that the controller asks of n motors are u = M x: the columns of M are the
+    motors' parts in thrust, roll, pitch and yaw, and x keeps the vehicle balanced. If motor j
+    gives e u_j only, balance needs M'(u - (1-e) u_j i_j) = M' u0, where i_j is j's unit vector
+    and u0 the thrust of each of n healthy motors. As u is in the range of M, so is u0, and
+    u = u0 + (1-e) u_j P i_j with the projection P = M (M'M)^-1 M' on it. In a regular frame, n
+    arms or n/2 coaxial pairs, P_jj = 4/n, and the mean of P i_j is 1/n: with d = u/mean(u) - 1,
+
+        1-e = (n/3) d_j / (1 + d_j),    and    d_j^2 = (3/n) |d|^2.
+
+    Other imbalances of roll, pitch and yaw fall short of the second equation, by what lies in the
+    two dimensions that are not j's. Half of that, one dimension's part, is taken to lie in j's as
+    well, and its root is taken off d_j: turning in yaw reads 1 then, and a centre of gravity that
+    is off towards j counts half.
+
+    The effectiveness is the root of e: of a command, which the thrust follows with its square.
 
     Parameters
     ----------
-    loads : sequence of float
-        Command of each motor over the mean of all.
+    thrusts : sequence of float
+        Thrust asked of each motor over the mean of all.
     """
-    scale = len(loads) / MOMENT_AXES
-    return tuple(max(0.0, 1.0 - scale * (1.0 - 1.0 / max(load, 1.0))) for load in loads)
+    leverage = MOMENT_AXES / max(len(thrusts), 1)
+    imbalance = leverage * sum((thrust - 1.0) ** 2 for thrust in thrusts)
+    result = []
+    for thrust in thrusts:
+        excess = thrust - 1.0
+        unexplained = math.sqrt(max(imbalance - excess**2, 0.0) / 2.0)
+        excess = max(excess - unexplained, 0.0)
+        result.append(math.sqrt(max(1.0 - excess / (1.0 + excess) / leverage, 0.0)))
+    return tuple(result)
 
 
 class FaultEstimator:
     """Faults that have lasted; an actuator fault stays until `serviced`.
 
     A fault is set after 1 s; sensor and camera faults are cleared after 5 s of health. Motors
-    are judged in the air by `effectiveness_by_load`, from loads low-pass filtered over 2 s.
+    are judged in the air by `effectiveness_by_thrust`, low-pass filtered over 2 s.
 
     Parameters
     ----------
     threshold : float
-        Effectiveness below which a motor counts as failed.
+        Effectiveness below which a motor counts as failed: of its command, not of its thrust;
+        0.85 is a motor that gives 0.72 of the thrust asked for.
     """
 
     def __init__(self, threshold: float = 0.85) -> None:
@@ -113,13 +131,13 @@ class FaultEstimator:
         self._faults = Fault(0)
         self._since: dict[Fault, float] = {}
         self._located = False
-        self._loads: tuple[float, ...] = ()
-        self._loads_time = -math.inf
+        self._thrusts: tuple[float, ...] = ()
+        self._motors_time = -math.inf
 
     @property
     def effectiveness(self) -> tuple[float, ...]:
         """Effectiveness of each motor, empty where it is not judged."""
-        return effectiveness_by_load(self._loads)
+        return effectiveness_by_thrust(self._thrusts)
 
     def update(self, telemetry: Telemetry, camera_age: float | None, now: float) -> Fault | None:
         """Judge a snapshot; None while too little is known.
@@ -141,7 +159,7 @@ class FaultEstimator:
         self._located = self._located or located
         if not self._located:
             return None
-        self._filter_loads(telemetry)
+        self._filter_thrusts(telemetry)
         self._debounce(Fault.SENSOR, not located or bool(unhealthy & SENSOR_HEALTH_BITS), now)
         weak = min(self.effectiveness, default=1.0) < self._threshold
         self._debounce(Fault.ACTUATOR, weak or bool(unhealthy & PROPULSION_HEALTH_BIT), now)
@@ -152,13 +170,13 @@ class FaultEstimator:
         """Forget the actuator fault: the vehicle was repaired."""
         self._faults &= ~Fault.ACTUATOR
         self._since.pop(Fault.ACTUATOR, None)
-        self._loads = ()
+        self._thrusts = ()
 
     def link_lost(self) -> None:
         """Say nothing until the vehicle is located again; faults that were set stay."""
         self._located = False
         self._since.clear()
-        self._loads = ()
+        self._thrusts = ()
 
     def rebooted(self) -> None:
         """Judge sensors and camera anew; an actuator fault stays until `serviced`."""
@@ -174,22 +192,23 @@ class FaultEstimator:
             self._faults ^= fault
             del self._since[fault]
 
-    def _filter_loads(self, telemetry: Telemetry) -> None:
+    def _filter_thrusts(self, telemetry: Telemetry) -> None:
         height = telemetry.position.height if telemetry.position else 0.0
         if telemetry.on_ground is not False or height < MIN_MOTOR_CHECK_HEIGHT:
-            self._loads = ()
+            self._thrusts = ()
             return
         motors = telemetry.motors[: telemetry.motor_count]
-        elapsed = telemetry.motors_time - self._loads_time
-        self._loads_time = telemetry.motors_time
+        elapsed = telemetry.motors_time - self._motors_time
+        self._motors_time = telemetry.motors_time
         unknown = len(motors) < telemetry.motor_count or not all(motors)
         if elapsed <= 0.0 or not motors or unknown or fmean(motors) < IDLE_PWM:
             return
-        spans = [max(pwm - ZERO_THRUST_PWM, 0.0) for pwm in motors]
-        if len(self._loads) != len(spans) or elapsed > MAX_LOAD_GAP:
-            self._loads = (1.0,) * len(spans)
+        thrusts = [max(pwm - ZERO_THRUST_PWM, 0.0) ** 2 for pwm in motors]
+        if len(self._thrusts) != len(thrusts) or elapsed > MAX_OUTPUT_GAP:
+            self._thrusts = (1.0,) * len(thrusts)
             return
-        mean, gain = fmean(spans), 1.0 - math.exp(-elapsed / LOAD_FILTER_TIME)
-        self._loads = tuple(
-            old + gain * (span / mean - old) for old, span in zip(self._loads, spans, strict=True)
+        mean, gain = fmean(thrusts), 1.0 - math.exp(-elapsed / THRUST_FILTER_TIME)
+        self._thrusts = tuple(
+            old + gain * (thrust / mean - old)
+            for old, thrust in zip(self._thrusts, thrusts, strict=True)
         )
