@@ -3,37 +3,35 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from uav_mission_manager.autopilot.exchange import Answer, CommandExchange, MavCommand
+from uav_mission_manager.autopilot.identity import Identity
+from uav_mission_manager.autopilot.port import MAX_PORT_READS, open_port, read_port
 
 HEARTBEAT_INTERVAL = 1.0
 """Time [s] between this program's own heartbeats, as MAVLink asks for."""
 
-ACK_TIMEOUT = 1.0
-"""Time [s] to wait for the answer to a command: a choice."""
+MAX_POLL_GAP = 1.0
+"""Time [s] without `poll` after which what waits in the port is out of date: a choice, twenty
+looks at 20 Hz."""
 
-MAX_TRANSMISSIONS = 3
-"""How often an unanswered command is sent at most: a choice."""
+MAX_PARSERS = 16
+"""Addresses whose unfinished frames are kept: a choice, so that forged ones fill no memory."""
 
 STREAM_TIMEOUT = 3.0
 """Time [s] without a message after which it is asked for: a choice, six messages at 2 Hz."""
 
-STREAM_REFUSED_RETRY = 30.0
-"""Extra time [s] to wait before a refused message is asked for again: a choice."""
+MAX_STREAM_PAUSE = 60.0
+"""Longest time [s] after which a message that does not come is asked for again: a choice."""
 
-UDP_PEER_TIMEOUT = 10.0
-"""Time [s] after which a silent UDP peer is forgotten: a choice."""
-
-MAX_PORT_READS = 200
-"""Reads from a port at a time, at most, so that this ends however much arrives. A choice: at 20
-looks a second 4,000 datagrams a second, a hundred times more than the bridge asks for."""
-
-PORT_READ_BYTES = 4096
-"""Bytes of a read, at most. A choice; a MAVLink 2 message has no more than 280."""
+REBOOT_STEP = 1000
+"""How far [ms] the autopilot's time since boot goes back when it has rebooted, at least: a choice,
+as datagrams can overtake each other."""
 
 STREAM_RATES = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
@@ -45,71 +43,55 @@ STREAM_RATES = {
 }
 """Rate [Hz] by id of each message that the bridge needs: choices, 10 Hz to fly by."""
 
-
-@dataclass(frozen=True)
-class MavCommand:
-    """A MAV_CMD: COMMAND_LONG, or COMMAND_INT where `frame` is given.
-
-    `params` are param1 to param7; as COMMAND_INT params 5 and 6 are degrees.
-    """
-
-    number: int
-    params: tuple[float, ...]
-    frame: int | None = None
-
-    @property
-    def name(self) -> str:
-        """Name of the command in the MAVLink dialect."""
-        return enum_name('MAV_CMD', self.number)
+BOOTING = (mavlink.MAV_STATE_UNINIT, mavlink.MAV_STATE_BOOT)
+"""States of an autopilot that has just started."""
 
 
-@dataclass(frozen=True)
-class _Pending:
-    command: MavCommand
-    sent_at: float
-    transmissions: int = 1
+@dataclass
+class _Stream:
+    """A message that is asked for: when it came and was asked for last, and how long to wait."""
 
-
-def enum_name(enum: str, value: int) -> str:
-    """Name of a MAVLink enum's value, the number where it has none."""
-    entry = mavlink.enums[enum].get(value)
-    return entry.name if entry else str(value)
-
-
-def read_port(port: Any) -> Iterator[bytes]:
-    """Yield what has arrived at a pymavlink port, up to `MAX_PORT_READS` times."""
-    for _ in range(MAX_PORT_READS):
-        data = port.recv(PORT_READ_BYTES)
-        if not data:
-            return
-        yield data
+    seen: float = -math.inf
+    asked: float = -math.inf
+    pause: float = STREAM_TIMEOUT
 
 
 class AutopilotLink:
-    """One autopilot, found by its HEARTBEAT, on one MAVLink connection.
+    """One ArduCopter, found by its HEARTBEAT, on one MAVLink connection.
+
+    Only MAVLink 2 counts, and of the vehicle's ids only one address (see `Identity`). `now` is
+    the caller's time [s].
 
     Parameters
     ----------
-    connection : str
-        Any pymavlink connection string, `udpin:127.0.0.1:14550` for one.
+    connection : str or object
+        A pymavlink connection string, `udpin:127.0.0.1:14550` for one, or an open port with
+        `recv(size)`, `write(data)` and `close()`.
     source_system, source_component : int
         MAVLink ids of this program.
     target_system : int
-        System id of the vehicle; 0 takes the first ArduPilot heard and stays with it.
+        System id of the vehicle; 0 takes the first ArduCopter heard and stays with it.
     timeout : float
         Seconds without HEARTBEAT after which the link is lost.
     streams : mapping of int to float
         Message ids to ask for, with their rates [Hz].
 
+    Attributes
+    ----------
+    up : bool
+        Whether the autopilot is heard. Nothing is sent to it before.
+    rebooted : bool
+        Whether the last `poll` found that the autopilot had rebooted.
+
     Raises
     ------
     ValueError
-        The connection cannot be opened; says which and why.
+        The connection can never be opened; says which and why.
     """
 
     def __init__(
         self,
-        connection: str,
+        connection: str | Any,
         *,
         source_system: int = 1,
         source_component: int = 191,
@@ -117,46 +99,78 @@ class AutopilotLink:
         timeout: float = 3.0,
         streams: Mapping[int, float] = STREAM_RATES,
     ) -> None:
-        # UDP forgets silent peers; with one retry TCP reconnects without sleeping in between.
-        try:
-            self._port = mavutil.mavlink_connection(
-                connection, udp_timeout=UDP_PEER_TIMEOUT, autoreconnect=True, retries=1
-            )
-        except (OSError, ValueError, ImportError) as error:
-            raise ValueError(f'MAVLink connection {connection!r}: {error}') from error
-        # mavutil's own encoder may be MAVLink 1 and of another dialect.
-        self._mav = mavlink.MAVLink(self._port, source_system, source_component)
-        self._mav.robust_parsing = True
+        self._port = open_port(connection) if isinstance(connection, str) else connection
+        self._mav = mavlink.MAVLink(None, source_system, source_component)
+        self._parsers: dict[Any, Any] = {}
         self._own = (source_system, source_component)
         self._timeout = timeout
-        self.target_system = target_system
-        self.target_component: int | None = None
-        self.up = False
-        self.error = ''
-        self.refused: dict[str, str] = {}
-        self._streams = dict(streams)
-        self._stream_seen: dict[int, float] = {}
-        self._stream_asked: dict[int, float] = {}
-        self._pending: dict[int, _Pending] = {}
-        self._heard: dict[int, float] = {}
-        self._up_since = 0.0
+        self._identity = Identity(target_system, timeout)
+        self._exchange = CommandExchange(self._transmit)
+        self._answers: list[Answer] = []
+        self._requests = {number: _interval(number, rate) for number, rate in streams.items()}
+        self._streams: dict[int, _Stream] = {}
+        self._read_error = ''
+        self._polled_at: float | None = None
         self._beat_at = -math.inf
+        self._up_since = 0.0
+        self._stale = False
+        self._status = mavlink.MAV_STATE_BOOT
+        self._boot_time = 0
+        self.up = self.rebooted = False
+
+    @property
+    def error(self) -> str:
+        """What is wrong with the connection, '' if nothing is."""
+        return getattr(self._port, 'error', '') or self._read_error
+
+    @property
+    def target_system(self) -> int:
+        """System id of the vehicle, 0 until the first is heard."""
+        return self._identity.target_system
+
+    @property
+    def vehicle(self) -> str:
+        """The autopilot in words, '' until there is one."""
+        return self._identity.vehicle
+
+    @property
+    def rejected(self) -> str:
+        """Why the wanted vehicle is not commanded, '' if nothing is wrong."""
+        return self._identity.rejected
+
+    @property
+    def others(self) -> tuple[str, ...]:
+        """Whoever else is heard."""
+        return self._identity.others
+
+    @property
+    def refused(self) -> dict[str, str]:
+        """Why, by the command's name, until the same command is accepted."""
+        return self._exchange.refused
 
     def poll(self, now: float) -> list[Any]:
-        """Send the own heartbeat and return the autopilot's new messages; call it often."""
-        if now - self._beat_at >= HEARTBEAT_INTERVAL:
-            self._beat_at = now
-            self._send(
-                mavlink.MAVLink_heartbeat_message(
-                    mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
-                    mavlink.MAV_AUTOPILOT_INVALID,
-                    0,
-                    0,
-                    mavlink.MAV_STATE_ACTIVE,
-                    3,
-                )
-            )
-        messages = [message for message in self._read() if self._accept(message, now)]
+        """Send the own heartbeat and return the autopilot's new messages; call it often.
+
+        After a gap nothing is returned of what came meanwhile, and the link is lost until the
+        next HEARTBEAT.
+        """
+        if self._polled_at is not None and not 0 <= now - self._polled_at <= MAX_POLL_GAP:
+            self._stale, self._beat_at = True, -math.inf
+            self._identity.lose(now)
+            self._forget()
+        self._polled_at = now
+        self._beat(now)
+        self.rebooted = False
+        messages: list[Any] = []
+        for message, address in self._read():
+            if self._stale or not self._identity.hear(message, address, now):
+                continue
+            if self._has_rebooted(message):
+                self.rebooted = True
+                messages = []
+                self._forget()
+            self._take(message, now)
+            messages.append(message)
         self._watch(now)
         return messages
 
@@ -166,157 +180,161 @@ class AutopilotLink:
         Call it after the messages of `poll` have been handled: they may lead to `cancel`.
         """
         if self.up:
-            self._repeat_commands(now)
+            self._exchange.repeat(now)
+            self._sort_answers()
             self._ask_streams(now)
 
-    def send(self, command: MavCommand, now: float) -> None:
-        """Send a command, repeated until its ACK; it replaces an unanswered one of its number."""
+    def send(self, commands: Sequence[MavCommand], now: float) -> None:
+        """Send the first command, repeated until its answer, and each other once it is accepted.
+
+        It replaces what is under way with the first command's number. Without link nothing is
+        sent, now or later.
+        """
         if self.up:
-            self._pending[command.number] = _Pending(command, now)
-            self._transmit(command, 0)
+            self._exchange.send(commands, now)
 
     def cancel(self) -> None:
         """Stop repeating commands; streams are asked for as before."""
-        streams = self._pending.get(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL)
-        self._pending = {streams.command.number: streams} if streams else {}
+        self._exchange.cancel(keep=mavlink.MAV_CMD_SET_MESSAGE_INTERVAL)
+
+    def take_answers(self) -> list[Answer]:
+        """Return the commands that ended since the last call."""
+        answers, self._answers = self._answers, []
+        return answers
 
     def component_age(self, component: int, now: float) -> float | None:
         """Seconds since a component of the vehicle was heard, None if it never was.
 
         Time without link does not count: nothing can be heard then.
         """
-        heard = self._heard.get(component)
+        heard = self._identity.component_heard(component)
         return None if heard is None else now - max(heard, self._up_since)
 
     def close(self) -> None:
         """Close the connection."""
         self._port.close()
 
-    def _read(self) -> list[Any]:
-        messages: list[Any] = []
+    def _beat(self, now: float) -> None:
+        if now - self._beat_at < HEARTBEAT_INTERVAL:
+            return
+        self._beat_at = now
+        heartbeat = mavlink.MAVLink_heartbeat_message(
+            mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
+            mavlink.MAV_AUTOPILOT_INVALID,
+            0,
+            0,
+            mavlink.MAV_STATE_ACTIVE,
+            3,
+        )
+        self._write(heartbeat)
+
+    def _read(self) -> Iterator[tuple[Any, Any]]:
+        """Yield messages with their senders' addresses; what waits after a gap ends with them."""
+        reads = 0
         try:
             for data in read_port(self._port):
-                messages += self._mav.parse_buffer(data) or []
-            self.error = ''
+                reads += 1
+                address = getattr(self._port, 'last_address', None)
+                for message in self._parser(address).parse_buffer(data) or ():
+                    if message.get_msgId() >= 0:  # Neither noise nor unknown.
+                        yield message, address
+            self._read_error = ''
         except OSError as error:
-            self.error = str(error)
-        return messages
+            self._read_error = error.strerror or str(error)
+        if reads < MAX_PORT_READS:
+            self._stale = False
 
-    def _accept(self, message: Any, now: float) -> bool:
-        """Take note of a message; return whether it is the autopilot's."""
-        kind, component = message.get_type(), message.get_srcComponent()
-        if kind == 'HEARTBEAT':
-            self._find_autopilot(message)
-        if kind == 'BAD_DATA' or message.get_srcSystem() != self.target_system:
-            return False
-        if kind == 'HEARTBEAT':
-            self._heard[component] = now
-        if component != self.target_component:
-            return False
+    def _parser(self, address: Any) -> Any:
+        """Return an address's own parser: nobody's half a frame may swallow another's."""
+        parser = self._parsers.pop(address, None)
+        if parser is None:
+            parser = mavlink.MAVLink(None)
+            parser.robust_parsing = True
+        self._parsers[address] = parser
+        if len(self._parsers) > MAX_PARSERS:
+            del self._parsers[next(iter(self._parsers))]
+        return parser
+
+    def _take(self, message: Any, now: float) -> None:
+        kind = message.get_type()
         if kind == 'COMMAND_ACK':
-            self._acknowledge(message, now)
-        self._stream_seen[message.get_msgId()] = now
-        return True
+            target = message.target_system, message.target_component
+            own = zip(target, self._own, strict=True)
+            if all(said in (0, mine) for said, mine in own):
+                self._exchange.acknowledge(message, now)
+                self._sort_answers()
+        elif kind == 'STATUSTEXT':
+            self._exchange.hear(message, now)
+        number = message.get_msgId()
+        if number in self._requests:
+            self._streams[number] = _Stream(seen=now)
+            self.refused.pop(self._requests[number].name, None)
 
-    def _find_autopilot(self, heartbeat: Any) -> None:
-        ardupilot = (
-            heartbeat.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
-            and heartbeat.type != mavlink.MAV_TYPE_GCS
-        )
-        wanted = self.target_system in (0, heartbeat.get_srcSystem())
-        if ardupilot and wanted and self.target_component is None:
-            self.target_system = heartbeat.get_srcSystem()
-            self.target_component = heartbeat.get_srcComponent()
+    def _has_rebooted(self, message: Any) -> bool:
+        kind = message.get_type()
+        if kind == 'HEARTBEAT':
+            last, self._status = self._status, message.system_status
+            rebooted = self._status in BOOTING and last not in BOOTING
+        elif kind == 'GLOBAL_POSITION_INT':
+            last, self._boot_time = self._boot_time, message.time_boot_ms
+            rebooted = self._boot_time < last - REBOOT_STEP
+        else:
+            return False
+        if rebooted:  # Each of the two says it; once is enough.
+            self._status, self._boot_time = mavlink.MAV_STATE_BOOT, 0
+        return rebooted
 
     def _watch(self, now: float) -> None:
         """Set `up`; when the link is lost, forget pending commands and streams."""
-        heard = -math.inf if self.target_component is None else self._heard[self.target_component]
-        up = now - heard <= self._timeout
+        self._identity.watch(now)
+        up = now - self._identity.beat_at <= self._timeout
         if up and not self.up:
             self._up_since = now
         if not up:
-            self._pending.clear()
-            self._stream_seen.clear()
-            self._stream_asked.clear()
-            self.refused.clear()
+            self._forget()
         self.up = up
 
-    def _acknowledge(self, ack: Any, now: float) -> None:
-        if (ack.target_system or self._own[0], ack.target_component or self._own[1]) != self._own:
-            return
-        pending = self._pending.get(ack.command)
-        if pending is None:
-            return
-        if ack.result == mavlink.MAV_RESULT_IN_PROGRESS:
-            self._pending[ack.command] = replace(pending, sent_at=now)
-            return
-        del self._pending[ack.command]
-        self.refused.pop(pending.command.name, None)
-        if ack.result != mavlink.MAV_RESULT_ACCEPTED:
-            self._refuse(pending.command, enum_name('MAV_RESULT', ack.result), now)
+    def _forget(self) -> None:
+        self._exchange.clear()
+        self._streams.clear()
 
-    def _refuse(self, command: MavCommand, why: str, now: float) -> None:
-        if command.number == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
-            self._stream_asked[int(command.params[0])] = now + STREAM_REFUSED_RETRY
-        else:
-            self.refused[command.name] = why
-
-    def _repeat_commands(self, now: float) -> None:
-        for number, pending in list(self._pending.items()):
-            if now - pending.sent_at < ACK_TIMEOUT:
-                continue
-            if pending.transmissions < MAX_TRANSMISSIONS:
-                self._transmit(pending.command, pending.transmissions)
-                self._pending[number] = _Pending(pending.command, now, pending.transmissions + 1)
-            else:
-                del self._pending[number]
-                self._refuse(pending.command, 'no answer', now)
+    def _sort_answers(self) -> None:
+        """Keep the answers to `send`; those about streams are for `refused` alone."""
+        for answer in self._exchange.take_answers():
+            if answer.command.number != mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+                self._answers.append(answer)
 
     def _ask_streams(self, now: float) -> None:
         """Ask for one stream that does not arrive; one at a time, as an ACK names no stream."""
-        if mavlink.MAV_CMD_SET_MESSAGE_INTERVAL in self._pending:
+        if self._exchange.waits_for(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL):
             return
-        for message, rate in self._streams.items():
-            last = max(
-                self._stream_seen.get(message, -math.inf),
-                self._stream_asked.get(message, -math.inf),
-            )
-            if now - last > STREAM_TIMEOUT:
-                self._stream_asked[message] = now
-                self.send(
-                    MavCommand(
-                        mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, (message, 1e6 / rate, 0, 0, 0, 0, 0)
-                    ),
-                    now,
-                )
+        for number, request in self._requests.items():
+            stream = self._streams.setdefault(number, _Stream())
+            if now - max(stream.seen, stream.asked) > stream.pause:
+                if stream.asked > stream.seen:
+                    stream.pause = min(2.0 * stream.pause, MAX_STREAM_PAUSE)
+                stream.asked = now
+                self._exchange.send((request,), now)
                 return
 
     def _transmit(self, command: MavCommand, confirmation: int) -> None:
-        target = self.target_system, self.target_component
-        if command.frame is None:
-            self._send(
-                mavlink.MAVLink_command_long_message(
-                    *target, command.number, confirmation, *command.params
-                )
-            )
-        else:
-            *params, latitude, longitude, z = command.params
-            self._send(
-                mavlink.MAVLink_command_int_message(
-                    *target,
-                    command.frame,
-                    command.number,
-                    0,
-                    0,
-                    *params,
-                    round(latitude * 1e7),
-                    round(longitude * 1e7),
-                    z,
-                )
-            )
+        target = self.target_system, mavlink.MAV_COMP_ID_AUTOPILOT1
+        self._write(command.message(target, confirmation), self._identity.address)
 
-    def _send(self, message: Any) -> None:
+    def _write(self, message: Any, address: Any = None) -> None:
+        """Send to one address where there is one, else to all."""
+        data = message.pack(self._mav)
+        self._mav.seq = (self._mav.seq + 1) % 256
         try:
-            self._mav.send(message)
+            if address is not None and hasattr(self._port, 'write_to'):
+                self._port.write_to(data, address)
+            else:
+                self._port.write(data)
         except OSError as error:
-            self.error = str(error)
+            self._read_error = error.strerror or str(error)
+
+
+def _interval(message: int, rate: float) -> MavCommand:
+    """Return the command that asks for a message at a rate [Hz]."""
+    params = (float(message), 1e6 / rate, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return MavCommand(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, params)

@@ -8,12 +8,13 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
 
-from uav_mission_manager.autopilot.link import mavlink, mavutil
 from uav_mission_manager.autopilot.task import Phase
 from uav_mission_manager.cli.demo.stack import NAMESPACE
 from uav_mission_manager.cli.demo.view import View

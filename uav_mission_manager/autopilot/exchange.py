@@ -1,0 +1,235 @@
+"""Commands to an autopilot and its answers: one at a time, repeated, refused in its own words."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+ACK_TIMEOUT = 1.0
+"""Time [s] to wait for the answer to a command: a choice."""
+
+MAX_TRANSMISSIONS = 3
+"""How often an unanswered command is sent at most: a choice."""
+
+MAX_PROGRESS_TIME = 10.0
+"""Time [s] that a command may be in progress, as its answers say: a choice. None of those sent
+here takes longer than a mode change."""
+
+WORDS_TIME = 1.0
+"""Time [s] around a refusal in which the autopilot's texts explain it: a choice. ArduCopter sends
+them just before or after the answer."""
+
+MAX_WORDS = 4
+"""Texts kept to explain a refusal, at most: a choice, as ArduCopter names a few checks at once."""
+
+MAX_WHY_LENGTH = 200
+"""Letters of a refusal with its explanation, at most: a choice, four texts of MAVLink's 50."""
+
+
+def enum_name(enum: str, value: int) -> str:
+    """Name of a MAVLink enum's value, the number where it has none."""
+    entry = mavlink.enums[enum].get(value)
+    return entry.name if entry else str(value)
+
+
+def short_name(enum: str, value: int) -> str:
+    """Name of a MAVLink enum's value without the enum's own: QUADROTOR for MAV_TYPE_QUADROTOR."""
+    return enum_name(enum, value).removeprefix(f'{enum}_')
+
+
+@dataclass(frozen=True)
+class MavCommand:
+    """A MAV_CMD: COMMAND_LONG, or COMMAND_INT where `frame` is given.
+
+    `params` are param1 to param7; as COMMAND_INT params 5 and 6 are degrees.
+    """
+
+    number: int
+    params: tuple[float, ...]
+    frame: int | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the command in the MAVLink dialect, and of the message it asks for."""
+        name = short_name('MAV_CMD', self.number)
+        if self.number != mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+            return name
+        message = mavlink.mavlink_map.get(int(self.params[0]))
+        return f'{name} {message.msgname if message else int(self.params[0])}'
+
+    def message(self, target: tuple[int, int], confirmation: int) -> Any:
+        """Return the MAVLink message to a system and component, sent for the n-th time again."""
+        if self.frame is None:
+            return mavlink.MAVLink_command_long_message(
+                *target, self.number, confirmation, *self.params
+            )
+        *params, latitude, longitude, z = self.params
+        degrees = round(latitude * 1e7), round(longitude * 1e7)
+        return mavlink.MAVLink_command_int_message(
+            *target, self.frame, self.number, 0, 0, *params, *degrees, z
+        )
+
+
+@dataclass(frozen=True)
+class Answer:
+    """How a command ended: `why` it was not accepted, '' where it was."""
+
+    command: MavCommand
+    accepted: bool
+    why: str
+
+
+@dataclass(frozen=True)
+class _Pending:
+    """A command under way, and those to send after it."""
+
+    commands: tuple[MavCommand, ...]
+    sent_at: float
+    transmissions: int = 1
+    progress_since: float | None = None
+
+    def waits_for(self, number: int) -> bool:
+        return self.commands[0].number == number
+
+
+@dataclass(frozen=True)
+class _Words:
+    """What the autopilot said: a STATUSTEXT with the number that its chunks share."""
+
+    time: float
+    number: int
+    text: str
+
+
+@dataclass(frozen=True)
+class _Refusal:
+    """The last command that was answered, and not accepted."""
+
+    time: float
+    command: MavCommand
+    result: str
+
+
+class CommandExchange:
+    """Sends commands and hears their answers.
+
+    Parameters
+    ----------
+    transmit : callable
+        Sends a command; the second argument counts its repetitions.
+
+    Attributes
+    ----------
+    refused : dict of str to str
+        Why, by the command's name, until the same command is accepted.
+    """
+
+    def __init__(self, transmit: Callable[[MavCommand, int], None]) -> None:
+        self._transmit = transmit
+        self.refused: dict[str, str] = {}
+        self._pending: dict[int, _Pending] = {}  # By the number of a sequence's first command.
+        self._answers: list[Answer] = []
+        self._words: deque[_Words] = deque(maxlen=MAX_WORDS)
+        self._refusal: _Refusal | None = None
+
+    def send(self, commands: Sequence[MavCommand], now: float) -> None:
+        """Send the first command, and each other once the one before it was accepted.
+
+        Sequences that this one's first command is a part of are given up.
+        """
+        first = commands[0]
+        self._pending = {
+            number: pending
+            for number, pending in self._pending.items()
+            if number != first.number and all(c.number != first.number for c in pending.commands)
+        }
+        self._start(first.number, tuple(commands), now)
+
+    def waits_for(self, number: int) -> bool:
+        """Whether the answer to a command of this number is still to come."""
+        return any(pending.waits_for(number) for pending in self._pending.values())
+
+    def take_answers(self) -> list[Answer]:
+        """Return the commands that ended since the last call."""
+        answers, self._answers = self._answers, []
+        return answers
+
+    def cancel(self, *, keep: int | None = None) -> None:
+        """Forget what is under way, except for the sequence that began with command `keep`."""
+        self._pending = {n: pending for n, pending in self._pending.items() if n == keep}
+
+    def clear(self) -> None:
+        """Forget what is under way and what was refused: the link was lost."""
+        self.cancel()
+        self.refused.clear()
+        self._words.clear()
+        self._refusal = None
+
+    def acknowledge(self, ack: Any, now: float) -> None:
+        """Take note of a COMMAND_ACK."""
+        first = next((n for n, p in self._pending.items() if p.waits_for(ack.command)), None)
+        if first is None:
+            return
+        pending = self._pending[first]
+        if ack.result == mavlink.MAV_RESULT_IN_PROGRESS:
+            since = now if pending.progress_since is None else pending.progress_since
+            self._pending[first] = replace(pending, progress_since=since)
+        elif ack.result == mavlink.MAV_RESULT_ACCEPTED:
+            command, *others = self._pending.pop(first).commands
+            self.refused.pop(command.name, None)
+            self._answers.append(Answer(command, True, ''))
+            if others:
+                self._start(first, tuple(others), now)
+        else:
+            result = short_name('MAV_RESULT', ack.result).replace('_', ' ')
+            self._refuse(first, result, now, explained=True)
+
+    def hear(self, text: Any, now: float) -> None:
+        """Take note of a STATUSTEXT, in the chunks of which it may come."""
+        if text.severity > mavlink.MAV_SEVERITY_WARNING:
+            return
+        recent = [words for words in self._words if abs(now - words.time) <= WORDS_TIME]
+        if text.chunk_seq and recent and recent[-1].number == text.id:
+            self._words[-1] = replace(recent[-1], text=f'{recent[-1].text}{text.text}')
+        elif text.text and text.text not in [words.text for words in recent]:
+            self._words.append(_Words(now, text.id, text.text))
+        late = self._refusal
+        if late and now - late.time <= WORDS_TIME and late.command.name in self.refused:
+            self.refused[late.command.name] = self._why(late)
+
+    def repeat(self, now: float) -> None:
+        """Repeat what is not answered, and give up what was not answered in time."""
+        for first, pending in list(self._pending.items()):
+            if pending.progress_since is not None:
+                if now - pending.progress_since > MAX_PROGRESS_TIME:
+                    self._refuse(first, f'still in progress after {MAX_PROGRESS_TIME:.0f} s', now)
+            elif now - pending.sent_at < ACK_TIMEOUT:
+                continue
+            elif pending.transmissions < MAX_TRANSMISSIONS:
+                self._transmit(pending.commands[0], pending.transmissions)
+                self._pending[first] = replace(
+                    pending, sent_at=now, transmissions=pending.transmissions + 1
+                )
+            else:
+                self._refuse(first, 'no answer', now)
+
+    def _start(self, first: int, commands: tuple[MavCommand, ...], now: float) -> None:
+        self._pending[first] = _Pending(commands, now)
+        self._transmit(commands[0], 0)
+
+    def _refuse(self, first: int, result: str, now: float, *, explained: bool = False) -> None:
+        command = self._pending.pop(first).commands[0]
+        why = result
+        if explained and command.number != mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+            self._refusal = _Refusal(now, command, result)
+            why = self._why(self._refusal)
+        self.refused[command.name] = why
+        self._answers.append(Answer(command, False, why))
+
+    def _why(self, refusal: _Refusal) -> str:
+        heard = [words.text for words in self._words if words.time >= refusal.time - WORDS_TIME]
+        return ': '.join(filter(None, (refusal.result, '; '.join(heard))))[:MAX_WHY_LENGTH]
