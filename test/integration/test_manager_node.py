@@ -38,9 +38,11 @@ class Flight:
     def __init__(self, ros: Ros) -> None:
         self.ros, self.grid = ros, load_mission(CASE_STUDY).grid
         self.charge, self.cell, self.fault = 0.9, 0, 'nominal'
+        self.health = BatteryState.POWER_SUPPLY_HEALTH_UNKNOWN
         self.silent = False
         ros.advertise('goal_priorities', UInt8MultiArray, qos.STATE_IN)
         ros.advertise('goal_completed', String, qos.EVENT)
+        ros.advertise('goal_refused', String, qos.EVENT)
         ros.advertise('threat_level', String, qos.STATE_IN)
         ros.advertise('policy_set', String, qos.LATCHED)
         ros.repeat('battery_state', self._battery, qos.SENSOR)
@@ -54,7 +56,9 @@ class Flight:
         self.diagnostics = ros.listen('/diagnostics', DiagnosticArray, qos.RELIABLE)
 
     def _battery(self) -> BatteryState | None:
-        return None if self.silent else BatteryState(percentage=self.charge)
+        if self.silent:
+            return None
+        return BatteryState(percentage=self.charge, power_supply_health=self.health)
 
     def _odometry(self) -> Odometry | None:
         if self.silent:
@@ -73,6 +77,9 @@ class Flight:
 
     def complete(self, goal: str) -> None:
         self.ros.publish('goal_completed', String(data=goal), qos.EVENT)
+
+    def refuse(self, goal: str) -> None:
+        self.ros.publish('goal_refused', String(data=goal), qos.EVENT)
 
     def threat(self, level: str) -> None:
         self.ros.publish('threat_level', String(data=level), qos.STATE_IN)
@@ -190,6 +197,7 @@ def test_decision_says_why(ros: Ros, flight: Flight, manager: NodeProcess) -> No
     assert 0.0 < float(decision['lower_bound']) <= min(values) + 1e-3
     assert min(values) - 1e-3 <= float(decision['upper_bound']) <= min(values) + 1e-3
     assert len(decision['policy']) == 64
+    assert decision['refused_goals'] == 'none'
     assert 0.0 <= float(decision['age odom [s]']) < 3.0
     assert flight.decisions[-1].status[0].message
     kinds = {marker.ns for marker in flight.markers[-1].markers}
@@ -204,6 +212,123 @@ def test_fault_and_low_battery_send_it_to_service(flight: Flight, manager: NodeP
     flight.until_command('recharge')
     flight.charge = 1.0
     flight.until_command('none normal')
+
+
+@pytest.mark.parametrize(
+    ('health', 'command'),
+    [
+        (BatteryState.POWER_SUPPLY_HEALTH_DEAD, 'recharge'),
+        (BatteryState.POWER_SUPPLY_HEALTH_UNSPEC_FAILURE, 'recharge'),
+        (BatteryState.POWER_SUPPLY_HEALTH_GOOD, 'commit goal1 normal'),
+    ],
+)
+def test_a_battery_that_is_reported_unhealthy_counts_as_empty(
+    flight: Flight, manager: NodeProcess, health: int, command: str
+) -> None:
+    flight.health = health
+    flight.ask([2, 0, 0], 'a')
+    flight.until_command(command)
+    if command == 'recharge':
+        said = 'battery_state: reported unhealthy, counted as empty'
+        flight.until_diagnosis('inputs', DiagnosticStatus.WARN, said)
+        assert len(manager.lines(said)) == 1
+        flight.health = BatteryState.POWER_SUPPLY_HEALTH_GOOD
+        flight.until_command('commit goal1 normal')
+    flight.until_diagnosis('inputs', DiagnosticStatus.OK, 'all good')
+
+
+def test_a_refused_goal_is_left_until_priorities_are_asked_for_anew(
+    ros: Ros, flight: Flight, manager: NodeProcess
+) -> None:
+    flight.ask([2, 1, 0], 'a')
+    flight.until_command('commit goal1 normal')
+    flight.refuse('goal1')
+    flight.until_command('commit goal2 normal')
+    flight.refuse('goal1')  # The bridge repeats it.
+    said = 'goal_refused: goal1, counted as out of range until priorities are asked for anew'
+    flight.until_diagnosis('inputs', DiagnosticStatus.WARN, said)
+    ros.until(lambda: flight.decision()['refused_goals'] == 'goal1', 'the decision says so')
+    assert flight.decision()['state'].split()[1] == '0'
+    assert list(flight.goals[-1].data) == [2, 1, 0]
+    assert len(manager.lines(said)) == 1
+    flight.ask([2, 1, 0], 'a')
+    flight.refuse('goal7')
+    ros.until(lambda: manager.lines("goal_refused: 'goal7' is not one of"), 'a complaint')
+    assert flight.commands[-1].data == 'commit goal2 normal'
+    flight.ask([2, 1, 0], 'b')
+    flight.until_command('commit goal1 normal')
+    ros.until(lambda: flight.decision()['refused_goals'] == 'none', 'no refusal any more')
+
+
+def test_reset_goals_forgets_refusals(ros: Ros, flight: Flight, manager: NodeProcess) -> None:
+    flight.refuse('goal3')
+    ros.until(lambda: flight.decision()['state'].split()[3] == '0', 'the refusal')
+    assert ros.call('manager/reset_goals').success
+    ros.until(lambda: flight.decision()['state'].split()[3] == '1', 'no refusal any more')
+
+
+def test_a_change_of_mind_waits_and_says_so(
+    ros: Ros, flight: Flight, manager: NodeProcess
+) -> None:
+    """A sensor fails in the service cell, just before the vehicle leaves it."""
+    flight.ask([2, 0, 1], 'a')
+    flight.cell = 1
+    ros.until(lambda: flight.decision()['state'] == '1 1 1 1 2 0 1 1 1 0 0', 'arrival')
+    flight.fault = 'sensor'
+    flight.until_command('repair')
+    first = len(flight.commands)
+    flight.cell = 2
+    ros.until(
+        lambda: flight.decisions[-1].status[0].message.startswith('keeps repair for '), 'dwell'
+    )
+    said = flight.decisions[-1].status[0].message
+    assert ' s more; the policy now says commit goal1 normal: goal1 has high priority' in said
+    assert flight.decision()['runner_up'] == 'commit goal1 normal'
+    flight.until_command('commit goal1 normal')
+    kept = [message.data for message in flight.commands[first:-1]]
+    assert set(kept) == {'repair'}
+    assert len(kept) >= 4  # Repeated at 1 Hz for 5 s.
+
+
+def test_a_taken_over_policy_waits_for_nothing(ros: Ros, flight: Flight) -> None:
+    flight.cell, flight.fault = 1, 'sensor'
+    process = ros.start('nodes.manager', '--ros-args', '-p', 'command_dwell:=60.0')
+    flight.until_command('repair')
+    flight.ask([2, 0, 1], 'a')
+    flight.until_goals([2, 0, 1])
+    flight.cell = 2
+    ros.until(
+        lambda: flight.decisions[-1].status[0].message.startswith('keeps repair for '), 'dwell'
+    )
+    ros.publish('policy_set', String(data=str(SHIPPED)), qos.LATCHED)
+    ros.until(lambda: process.lines('policy taken over'), 'take-over')
+    ros.until(lambda: flight.commands[-1].data == 'commit goal1 normal', 'a change', limit=20.0)
+
+
+def test_goal_states_come_at_once_and_at_1_hz_though_nothing_is_decided(
+    ros: Ros, flight: Flight
+) -> None:
+    flight.silent = True
+    process = ros.start('nodes.manager')
+    ros.until(lambda: flight.goals, 'goal_states')
+    assert flight.decisions == [] or 'no decision yet' in flight.decisions[0].status[0].message
+    assert process.lines('link lost') == []  # Before the first step.
+    ros.until(lambda: process.lines('link lost'), 'a refusal')
+    count = len(flight.goals)
+    ros.spin(3.5)
+    assert 3 <= len(flight.goals) - count <= 5
+    assert flight.commands == []
+
+
+def test_a_position_in_another_frame_is_refused_once(
+    ros: Ros, flight: Flight, manager: NodeProcess
+) -> None:
+    flight.cell = 400  # Far to the south.
+    flight.until_diagnosis('inputs', DiagnosticStatus.WARN, 'grid diagonals off the grid')
+    flight.until_diagnosis('link', DiagnosticStatus.ERROR, 'link lost: odom')
+    assert len(manager.lines('grid diagonals off the grid')) == 1
+    flight.cell = 0
+    flight.until_diagnosis('link', DiagnosticStatus.OK, 'all inputs fresh')
 
 
 def test_bad_inputs_are_one_line_each_and_change_nothing(
@@ -364,6 +489,7 @@ def _without_energy(tmp_path: Path) -> str:
         ('policy:=/nonexistent', '/nonexistent'),
         ('input_timeout:=.nan', 'parameter input_timeout'),
         ('rate:=1000.0', 'parameter rate'),
+        ('command_dwell:=61.0', 'parameter command_dwell'),
         (_without_energy, 'mission case_study: no energy section'),
     ],
 )

@@ -263,7 +263,9 @@ def test_recharging_is_no_way_to_bring_a_refused_goal_back(
     assert format_command(MISSION, policy.decide(situation.state).action) == 'recharge'
     outcome = decide(policy, situation, 0.0, TIMEOUT)
     assert command(outcome) == expected
-    assert outcome.reason.startswith('goal1 refused, and not back by recharging; ')
+    wanted = policy.decide(situation.without_refused().state)
+    assert outcome.reason == f'as if goal1, refused, were not wanted: {wanted.reason}'
+    assert (outcome.state, outcome.values) == (situation.state, wanted.values)
     # With a goal that is truly out of range, recharging has its use.
     empty = situation.with_battery(0.1, 1.0)
     assert command(decide(policy, empty, 1.0, TIMEOUT)) == 'recharge'

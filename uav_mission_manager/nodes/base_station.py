@@ -14,6 +14,7 @@ from std_msgs.msg import MultiArrayDimension, String, UInt8MultiArray
 from uav_mission_manager.mdp import load_mission
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.parameters import NodeParameter, declare
+from uav_mission_manager.nodes.presence import Presence
 from uav_mission_manager.nodes.runtime import run_node, safety_clock
 from uav_mission_manager.paths import share_directory
 
@@ -63,6 +64,7 @@ class BaseStation(Node):
         self.add_on_set_parameters_callback(self._check)
         self.add_post_set_parameters_callback(self._on_set)
         self.create_timer(1.0 / settings.rate, self._publish, clock=safety_clock(self))
+        self._presence = Presence(self, 'base_station')
 
     def _fault_in(self, priorities: Sequence[int]) -> str:
         if len(priorities) != len(self._goals):

@@ -21,8 +21,17 @@ from visualization_msgs.msg import MarkerArray
 from uav_mission_manager.nodes import qos, reporting
 from uav_mission_manager.nodes.frames import MAP_FRAME
 from uav_mission_manager.nodes.parameters import NodeParameter, declare
+from uav_mission_manager.nodes.presence import Presence
 from uav_mission_manager.nodes.runtime import run_node, safety_clock
-from uav_mission_manager.onboard import InputError, Refusal, Situation, decide, format_command
+from uav_mission_manager.onboard import (
+    InputError,
+    Refusal,
+    Situation,
+    StandingCommand,
+    decide,
+    dwell,
+    format_command,
+)
 from uav_mission_manager.paths import share_directory
 from uav_mission_manager.policy import Decision, load_policy
 
@@ -45,9 +54,23 @@ PARAMETERS = (
         0.0,
         1.0,
     ),
+    NodeParameter(
+        'command_dwell',
+        5.0,
+        'Time for which a command stays before a change that neither danger nor a new task asks '
+        'for [s]',
+        0.0,
+        60.0,
+    ),
     NodeParameter('rate', 1.0, 'Rate of decisions and of the repeated command [Hz]', 1.0, 20.0),
 )
 
+
+HEALTHY = (
+    BatteryState.POWER_SUPPLY_HEALTH_UNKNOWN,
+    BatteryState.POWER_SUPPLY_HEALTH_GOOD,
+)
+"""Health of a battery that is taken at its percentage; many senders do not know the health."""
 
 KEPT_INPUTS = ('threat_level', 'goal_priorities')
 """Inputs whose last value stays in force however old it is; the diagnostics warn of its age."""
@@ -56,6 +79,7 @@ KEPT_INPUTS = ('threat_level', 'goal_priorities')
 class Manager(Node):
     """Commands what the policy says about the state that vehicle and base station report.
 
+    A changed command stays for `command_dwell` unless danger or a new task asks for another.
     Without a fresh battery state, position and fault mode it publishes no command.
     """
 
@@ -67,6 +91,7 @@ class Manager(Node):
         self._policy = load_policy(self._path)
         self._situation = Situation(self._policy.mission, self._settings.range_hysteresis)
         self._outcome: Decision | Refusal = Refusal('no decision yet')
+        self._standing: StandingCommand | None = None
         self._command: str | None = None
         self._silent_logged = False
         self._refused: dict[str, str] = {}
@@ -77,6 +102,8 @@ class Manager(Node):
         )
         self.create_timer(1.0, self._diagnose, clock=self._timer_clock)
         self.get_logger().info(f'policy {self._label}')
+        self._explain(self._now())
+        self._presence = Presence(self, 'manager')
 
     def _create_outputs(self) -> None:
         def output(kind: Any, topic: str, profile: QoSProfile = qos.LATCHED) -> Publisher:
@@ -105,17 +132,13 @@ class Manager(Node):
         def state(topic: str, kind: Any, profile: QoSProfile, change: Change) -> None:
             heard(topic, kind, profile, partial(self._take, topic, change))
 
-        state(
-            'battery_state',
-            BatteryState,
-            qos.SENSOR,
-            lambda s, m, now: s.with_battery(m.percentage, now),
-        )
+        state('battery_state', BatteryState, qos.SENSOR, _with_battery)
         state('odom', Odometry, qos.SENSOR, _with_odometry)
         state('fault_mode', String, qos.STATE_IN, lambda s, m, now: s.with_fault(m.data, now))
         state('threat_level', String, qos.STATE_IN, lambda s, m, now: s.with_threat(m.data, now))
         state('goal_priorities', UInt8MultiArray, qos.STATE_IN, _with_priorities)
         state('goal_completed', String, qos.EVENT, lambda s, m, now: s.with_completed(m.data))
+        state('goal_refused', String, qos.EVENT, lambda s, m, now: s.with_refused(m.data))
         heard('policy_set', String, qos.LATCHED, self._on_policy_set)
         self.create_service(Trigger, '~/reload_policy', self._on_reload)
         self.create_service(Trigger, '~/reset_goals', self._on_reset)
@@ -128,12 +151,15 @@ class Manager(Node):
         return f'{self._path} ({self._policy.method}, {self._policy.digest[:12]})'
 
     def _take(self, topic: str, change: Change, message: Any) -> None:
+        before = self._situation.warnings
         try:
             self._situation = change(self._situation, message, self._now())
         except InputError as error:
             self._refuse(topic, f'{error}; kept the last good value')
             return
         self._refused.pop(topic, None)
+        for warning in set(self._situation.warnings) - set(before):
+            self.get_logger().warning(warning)
         self._step()
 
     def _refuse(self, topic: str, reason: str) -> None:
@@ -146,17 +172,20 @@ class Manager(Node):
         """Decide; publish what changed, or everything when it is time to `repeat`."""
         now, before = self._now(), self._outcome
         outcome = decide(self._policy, self._situation, now, self._settings.input_timeout)
-        self._outcome = outcome
         if isinstance(outcome, Refusal):
             changed = self._command is not None
-            self._command = None
+            self._standing = self._command = None
             if (changed or repeat) and not self._silent_logged:
                 self.get_logger().error(f'{outcome.reason}: no command until it is back')
                 self._silent_logged = True
         else:
+            outcome, self._standing = dwell(
+                outcome, self._situation, self._standing, self._settings.command_dwell, now
+            )
             self._situation = self._situation.after(outcome.action)
             self._send(outcome, repeat)
             changed = isinstance(before, Refusal) or _key(before) != _key(outcome)
+        self._outcome = outcome
         if changed or repeat:
             self._explain(now)
 
@@ -199,6 +228,7 @@ class Manager(Node):
             for topic in KEPT_INPUTS
             if topic in ages and ages[topic] > self._settings.input_timeout
         ]
+        notes = [*refused.values(), *self._situation.warnings, *old]
         statuses = [
             reporting.status(
                 warn if bad_policy else ok,
@@ -208,9 +238,9 @@ class Manager(Node):
                 method=self._policy.method,
             ),
             reporting.status(
-                warn if refused or old else ok,
+                warn if notes else ok,
                 f'{name}: inputs',
-                '; '.join([*refused.values(), *old]) or 'all good',
+                '; '.join(notes) or 'all good',
                 **{topic: f'{age:.2f} s' for topic, age in ages.items()},
             ),
             reporting.status(
@@ -231,7 +261,7 @@ class Manager(Node):
             self._refuse('policy_set', f'policy set refused, the old one kept: {error}')
             return str(error)
         self._refused.pop('policy_set', None)
-        self._path, self._policy = path, policy
+        self._path, self._policy, self._standing = path, policy, None
         self.get_logger().info(f'policy taken over: {self._label}')
         self._step(repeat=True)
         return ''
@@ -255,6 +285,10 @@ class Manager(Node):
 
 def _key(decision: Decision) -> tuple[object, ...]:
     return decision.state, decision.action.number
+
+
+def _with_battery(situation: Situation, message: BatteryState, now: float) -> Situation:
+    return situation.with_battery(message.percentage, now, message.power_supply_health in HEALTHY)
 
 
 def _with_odometry(situation: Situation, message: Odometry, now: float) -> Situation:

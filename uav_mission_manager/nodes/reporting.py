@@ -43,8 +43,16 @@ def decision_status(
 ) -> DiagnosticStatus:
     """Return why the manager decided as it did, or why it did not decide."""
     ages = {f'age {topic} [s]': f'{age:.2f}' for topic, age in situation.ages(now).items()}
+    refused = ', '.join(situation.refused_goals) or 'none'
     if isinstance(outcome, Refusal):
-        return status(DiagnosticStatus.ERROR, name, outcome.reason, policy=digest, **ages)
+        return status(
+            DiagnosticStatus.ERROR,
+            name,
+            outcome.reason,
+            refused_goals=refused,
+            policy=digest,
+            **ages,
+        )
     mission = situation.mission
     runner_up = outcome.runner_up
     return status(
@@ -54,6 +62,7 @@ def decision_status(
         state=' '.join(map(str, outcome.state)),
         command=format_command(mission, outcome.action),
         action=outcome.action.number,
+        refused_goals=refused,
         runner_up='none' if runner_up is None else format_command(mission, runner_up),
         values=' '.join(f'{value:.6g}' for value in outcome.values),
         margin=f'{outcome.margin:.6g}',

@@ -21,6 +21,10 @@ START_ERRORS = (ValueError, OSError)
 """What a node that cannot start raises; a bad mission, policy or parameter is a ValueError."""
 
 
+class FatalError(Exception):
+    """Raise it in a callback to end the node with this one line and exit code 1."""
+
+
 def safety_clock(node: Node) -> Clock:
     """Return a clock for timers and time-outs that does not jump when the system's time is set.
 
@@ -41,8 +45,8 @@ def run_node(
     Returns
     -------
     int
-        Exit code: 0 after SIGINT or SIGTERM or `--help`, 1 when the node could not start (one
-        log line).
+        Exit code: 0 after SIGINT or SIGTERM or `--help`, 1 when the node could not start or a
+        callback raised `FatalError` (one log line).
     """
     if {'-h', '--help'} & set(sys.argv[1:] if args is None else args):
         print(_help(node_class, table))
@@ -62,6 +66,9 @@ def run_node(
             executor.spin_once(timeout_sec=0.5)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except FatalError as error:
+        get_logger(node_class.__name__).fatal(str(error))
+        return 1
     except rclpy_implementation.RCLError:
         # A signal between two calls of a callback invalidates the context under it.
         if rclpy.ok():

@@ -278,7 +278,8 @@ def decide(policy: Policy, situation: Situation, now: float, timeout: float) -> 
     """Return the policy's decision, or a refusal where a required input is missing.
 
     In the model recharging brings every goal back into range, but it brings no refused one back:
-    where it has no other use, the policy decides as if the refused goals were not wanted.
+    where it has no other use, the policy decides as if the refused goals were not wanted, and the
+    decision's values are those of that state.
 
     Parameters
     ----------
@@ -296,6 +297,6 @@ def decide(policy: Policy, situation: Situation, now: float, timeout: float) -> 
     refused = ', '.join(situation.refused_goals)
     if refused and decision.action.kind is ActionKind.RECHARGE and all(situation.in_range):
         decision = policy.decide(situation.without_refused().state)
-        reason = f'{refused} refused, and not back by recharging; {decision.reason}'
-        return replace(decision, reason=reason)
+        reason = f'as if {refused}, refused, were not wanted: {decision.reason}'
+        return replace(decision, state=situation.state, reason=reason)
     return decision

@@ -1,0 +1,92 @@
+"""Presence: one node of a role in a namespace, the one that has been there longest.
+
+Each says on `presence/ROLE` who it is and for how long it has been up: `ID UPTIME`, the uptime in
+seconds. Only what is heard counts: a node that was killed stays in ROS's graph for a while.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import socket
+import time
+import uuid
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from std_msgs.msg import String
+
+from uav_mission_manager.nodes import qos
+from uav_mission_manager.nodes.runtime import FatalError
+
+PRESENCE_PERIOD = 0.5
+"""Time [s] between two messages of a node: a choice, soon enough before a second one does harm."""
+
+TIE = 0.2
+"""Difference of uptimes [s] up to which the smaller id goes on: a choice, well above the time that
+a message takes, by which each of two nodes thinks the other one younger."""
+
+PROCESS_START = time.monotonic()
+"""Time [s] from which the uptime counts."""
+
+
+class Presence:
+    """Says that a node is there, and ends it when another of its role was there before.
+
+    Make it last in a node's constructor: what waits for a slow start is out of date.
+
+    Parameters
+    ----------
+    node : Node
+        Its namespace is the vehicle that may have one such node.
+    role : str
+        What there may be one of, such as `manager`.
+    """
+
+    def __init__(self, node: Node, role: str) -> None:
+        self._node, self._role = node, role
+        self._id = f'{socket.gethostname()}:{os.getpid()}:{uuid.uuid4().hex[:8]}'
+        self._younger: set[str] = set()
+        topic = f'presence/{role}'
+        self._publisher = node.create_publisher(
+            String, topic, qos.EVENT, qos_overriding_options=qos.OVERRIDABLE
+        )
+        node.create_subscription(
+            String, topic, self._on_presence, qos.EVENT, qos_overriding_options=qos.OVERRIDABLE
+        )
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(PRESENCE_PERIOD, self._publish, clock=steady)
+        self._publish()
+
+    def _publish(self) -> None:
+        self._publisher.publish(String(data=f'{self._id} {_uptime():.3f}'))
+
+    def _on_presence(self, message: String) -> None:
+        """Give way to an older node; tell a younger one at once, as its period may be over."""
+        other, _, text = message.data.rpartition(' ')
+        if other == self._id:
+            return
+        try:
+            older_by = float(text) - _uptime()
+        except ValueError:
+            older_by = math.nan
+        if not math.isfinite(older_by):
+            self._node.get_logger().warning(
+                f'presence/{self._role}: {message.data!r} is not ID UPTIME', once=True
+            )
+        elif older_by > TIE or (older_by >= -TIE and other < self._id):
+            raise FatalError(
+                f'another {self._role} is in {self._node.get_namespace()}: {other}, up for '
+                f'{float(text):.1f} s; there may be one, so this one ends'
+            )
+        elif other not in self._younger:
+            self._younger.add(other)
+            self._node.get_logger().warning(
+                f'a second {self._role} in {self._node.get_namespace()}: {other}; it shall end'
+            )
+            self._publish()
+
+
+def _uptime() -> float:
+    return time.monotonic() - PROCESS_START
