@@ -194,7 +194,8 @@ class CommandExchange:
             return
         recent = [words for words in self._words if abs(now - words.time) <= WORDS_TIME]
         if text.chunk_seq and recent and recent[-1].number == text.id:
-            self._words[-1] = replace(recent[-1], text=f'{recent[-1].text}{text.text}')
+            joined = f'{recent[-1].text}{text.text}'[:MAX_WHY_LENGTH]
+            self._words[-1] = replace(recent[-1], text=joined)
         elif text.text and text.text not in [words.text for words in recent]:
             self._words.append(_Words(now, text.id, text.text))
         late = self._refusal

@@ -77,6 +77,7 @@ class Identity:
         self.address: Any = None
         self.vehicle = self.rejected = ''
         self.beat_at = self._kept_at = -math.inf
+        self._free = True  # To choose, as nobody is chosen or who was chosen is silent.
         self._heard: dict[int, float] = {}
         self._wrong: dict[_Caller, float] = {}
         self._others: dict[_Caller, tuple[float, int | None]] = {}
@@ -107,7 +108,9 @@ class Identity:
         return self._heard.get(component)
 
     def watch(self, now: float) -> None:
-        """Forget who is silent."""
+        """Forget who is silent; only then may the autopilot be another one."""
+        if now - max(self.beat_at, self._kept_at) > self._timeout:
+            self._free = True
         self._wrong = {c: t for c, t in self._wrong.items() if 0 <= now - t <= self._timeout}
         if not self._wrong:
             self.rejected = ''
@@ -131,19 +134,18 @@ class Identity:
         )
         if not wanted:
             return False
-        free = not self.vehicle or now - max(self.beat_at, self._kept_at) > self._timeout
         if beat is None:
-            return not free and caller.address == self.address
+            return not self._free and caller.address == self.address
         if beat.type in EQUIPMENT_TYPES or beat.autopilot == mavlink.MAV_AUTOPILOT_INVALID:
             return False
-        if not free and caller.address != self.address:
+        if not self._free and caller.address != self.address:
             return False
         objection = _objection(beat)
         if objection:
             self._reject(caller, objection, now)
             return False
         # One who was heard as two vehicles may be two: not before the other one is silent.
-        if not free or now - self._wrong.get(caller, -math.inf) > self._timeout:
+        if not self._free or now - self._wrong.get(caller, -math.inf) > self._timeout:
             self._choose(caller, beat, now)
             return True
         return False
@@ -154,13 +156,14 @@ class Identity:
             del self._wrong[min(self._wrong, key=self._wrong.__getitem__)]
         self.rejected = objection
         if caller.address == self.address:
-            self.vehicle, self.beat_at, self._kept_at = '', -math.inf, -math.inf
+            self.vehicle, self._free = '', True
+            self.beat_at = self._kept_at = -math.inf
 
     def _choose(self, caller: _Caller, beat: Any, now: float) -> None:
         self.target_system, self.address = caller.system, caller.address
         kind = short_name('MAV_TYPE', beat.type).lower()
         self.vehicle = f'system {caller.system}, component {caller.component}, {kind}'
-        self.rejected, self.beat_at = '', now
+        self.rejected, self.beat_at, self._free = '', now, False
         self._heard[caller.component] = now
         self._others.pop(caller, None)
 

@@ -64,6 +64,8 @@ def open_port(connection: str) -> Any:
     ValueError
         It can never work; says which connection and why in one line.
     """
+    if _is_address(connection.partition(':')[0]):
+        connection = f'udpin:{connection}'  # pymavlink's short form.
     try:
         return _open(connection)
     except (OSError, ValueError, OverflowError, ImportError, SystemExit) as error:
@@ -78,8 +80,6 @@ def _open(connection: str) -> Any:
     protocol, colon, rest = connection.partition(':')
     if connection.startswith('/'):
         return _serial_port(connection)
-    if colon and _is_address(protocol):  # pymavlink's short form of udpin.
-        protocol, rest = 'udpin', connection
     if not colon or protocol not in PROTOCOLS:
         known = ', '.join(f'{name}:' for name in PROTOCOLS)
         raise ValueError(f'none of {known} nor the path of a serial device')

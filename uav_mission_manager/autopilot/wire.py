@@ -45,7 +45,7 @@ class Attempts:
             pause = REOPEN_PERIOD
             try:
                 result = self._action()
-            except OSError as error:
+            except (OSError, ValueError) as error:  # A ValueError is a name that cannot be one.
                 self.error = retried(self._name, error)
                 continue
             with self._lock:
@@ -56,9 +56,10 @@ class Attempts:
             return
 
 
-def retried(name: str, error: OSError) -> str:
+def retried(name: str, error: Exception) -> str:
     """Return what is wrong with a port that is tried again."""
-    return f'{name}: {error.strerror or error}; tried again every {REOPEN_PERIOD:.0f} s'
+    why = getattr(error, 'strerror', None) or error
+    return f'{name}: {why}; tried again every {REOPEN_PERIOD:.0f} s'
 
 
 class TcpWire:
