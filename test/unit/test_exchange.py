@@ -167,7 +167,8 @@ def test_words_in_chunks_are_joined_and_bounded():
     for chunk in range(2, 8):
         wire.text('c' * 50, number=5, chunk=chunk)
         wire.text(f'other {chunk}')
-    assert [len(why) for why in wire.link.refused.values()] == [200]
+    [later] = wire.link.refused.values()
+    assert (later[: len(why)], len(later)) == (why, 200)
 
 
 def test_an_unknown_result_and_a_foreign_answer():
@@ -216,6 +217,19 @@ def test_after_a_gap_what_has_waited_is_thrown_away():
     assert wire.link.up
     wire.wait(5.0)
     assert (wire.sent(), wire.answers(), wire.link.refused) == ([], [], {})
+
+
+def test_what_a_peer_had_to_keep_back_is_thrown_away_too():
+    wire = Dialogue()
+    wire.port.backlog_time = 1.0  # As of a TCP connection.
+    wire.now += 20.0
+    for _ in range(9):
+        wire.beat(mode=RTL)
+        assert wire.poll(0.1) == []
+        assert not wire.link.up
+    wire.poll(0.2)
+    wire.beat()
+    assert wire.modes() == [GUIDED]
 
 
 def test_a_short_pause_is_no_gap():

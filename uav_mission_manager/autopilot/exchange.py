@@ -96,7 +96,7 @@ class _Pending:
         return self.commands[0].number == number
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Words:
     """What the autopilot said: a STATUSTEXT with the number that its chunks share."""
 
@@ -112,6 +112,12 @@ class _Refusal:
     time: float
     command: MavCommand
     result: str
+    words: list[_Words]
+
+    @property
+    def why(self) -> str:
+        said = '; '.join(words.text for words in self.words)
+        return (f'{self.result}: {said}' if said else self.result)[:MAX_WHY_LENGTH]
 
 
 class CommandExchange:
@@ -192,15 +198,17 @@ class CommandExchange:
         """Take note of a STATUSTEXT, in the chunks of which it may come."""
         if text.severity > mavlink.MAV_SEVERITY_WARNING:
             return
-        recent = [words for words in self._words if abs(now - words.time) <= WORDS_TIME]
+        said = ''.join(filter(str.isprintable, text.text))
+        recent = self._recent(now)
+        late = self._refusal if self._explains_late(now) else None
         if text.chunk_seq and recent and recent[-1].number == text.id:
-            joined = f'{recent[-1].text}{text.text}'[:MAX_WHY_LENGTH]
-            self._words[-1] = replace(recent[-1], text=joined)
-        elif text.text and text.text not in [words.text for words in recent]:
-            self._words.append(_Words(now, text.id, text.text))
-        late = self._refusal
-        if late and now - late.time <= WORDS_TIME and late.command.name in self.refused:
-            self.refused[late.command.name] = self._why(late)
+            recent[-1].text = f'{recent[-1].text}{said}'[:MAX_WHY_LENGTH]
+        elif said and said not in [words.text for words in recent]:
+            self._words.append(_Words(now, text.id, said))
+            if late and len(late.words) < MAX_WORDS:
+                late.words.append(self._words[-1])
+        if late:
+            self.refused[late.command.name] = late.why
 
     def repeat(self, now: float) -> None:
         """Repeat what is not answered, and give up what was not answered in time."""
@@ -226,11 +234,15 @@ class CommandExchange:
         command = self._pending.pop(first).commands[0]
         why = result
         if explained and command.number != mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
-            self._refusal = _Refusal(now, command, result)
-            why = self._why(self._refusal)
+            self._refusal = _Refusal(now, command, result, self._recent(now))
+            why = self._refusal.why
         self.refused[command.name] = why
         self._answers.append(Answer(command, False, why))
 
-    def _why(self, refusal: _Refusal) -> str:
-        heard = [words.text for words in self._words if words.time >= refusal.time - WORDS_TIME]
-        return ': '.join(filter(None, (refusal.result, '; '.join(heard))))[:MAX_WHY_LENGTH]
+    def _recent(self, now: float) -> list[_Words]:
+        return [words for words in self._words if now - words.time <= WORDS_TIME]
+
+    def _explains_late(self, now: float) -> bool:
+        """Whether a text may still explain the last refusal."""
+        last = self._refusal
+        return bool(last and now - last.time <= WORDS_TIME and last.command.name in self.refused)

@@ -113,7 +113,7 @@ class AutopilotLink:
         self._polled_at: float | None = None
         self._beat_at = -math.inf
         self._up_since = 0.0
-        self._stale = False
+        self._stale_since: float | None = None
         self._status = mavlink.MAV_STATE_BOOT
         self._boot_time = 0
         self.up = self.rebooted = False
@@ -155,15 +155,15 @@ class AutopilotLink:
         next HEARTBEAT.
         """
         if self._polled_at is not None and not 0 <= now - self._polled_at <= MAX_POLL_GAP:
-            self._stale, self._beat_at = True, -math.inf
+            self._stale_since, self._beat_at = now, -math.inf
             self._identity.lose(now)
             self._forget()
         self._polled_at = now
         self._beat(now)
         self.rebooted = False
         messages: list[Any] = []
-        for message, address in self._read():
-            if self._stale or not self._identity.hear(message, address, now):
+        for message, address in self._read(now):
+            if self._stale_since is not None or not self._identity.hear(message, address, now):
                 continue
             if self._has_rebooted(message):
                 self.rebooted = True
@@ -228,8 +228,12 @@ class AutopilotLink:
         )
         self._write(heartbeat)
 
-    def _read(self) -> Iterator[tuple[Any, Any]]:
-        """Yield messages with their senders' addresses; what waits after a gap ends with them."""
+    def _read(self, now: float) -> Iterator[tuple[Any, Any]]:
+        """Yield messages with their senders' addresses.
+
+        What is out of date has ended where the port is empty, and its peer has had time to send
+        what it had kept back.
+        """
         reads = 0
         try:
             for data in read_port(self._port):
@@ -241,8 +245,10 @@ class AutopilotLink:
             self._read_error = ''
         except OSError as error:
             self._read_error = error.strerror or str(error)
-        if reads < MAX_PORT_READS:
-            self._stale = False
+        patience = getattr(self._port, 'backlog_time', 0.0)
+        since = now if self._stale_since is None else self._stale_since
+        if reads < MAX_PORT_READS and now - since >= patience:
+            self._stale_since = None
 
     def _parser(self, address: Any) -> Any:
         """Return an address's own parser: nobody's half a frame may swallow another's."""

@@ -22,6 +22,10 @@ OPENING_TIMEOUT = 5.0
 SILENT_PEER_TIMEOUT = 10.0
 """Time [s] after which a TCP connection whose peer confirms nothing is given up: a choice."""
 
+MAX_BACKLOG_TIME = 1.0
+"""Time [s] in which a peer sends on what it had to keep back while nobody read: a choice. At
+1 MB/s this is a megabyte, minutes of what is asked for."""
+
 
 class Attempts:
     """Tries in a thread, again and again, until something opens; then hands it over."""
@@ -135,6 +139,7 @@ class ReopenedPort:
     """
 
     last_address = None
+    backlog_time = MAX_BACKLOG_TIME
 
     def __init__(self, name: str, open_wire: Callable[[], Any], *, at_once: bool = False) -> None:
         self._name, self._open = name, open_wire
