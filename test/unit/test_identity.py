@@ -148,12 +148,15 @@ def test_what_was_wrong_and_becomes_right_is_taken():
     assert air.link.vehicle
 
 
-def test_one_who_is_heard_as_two_vehicles_is_never_commanded():
+@pytest.mark.parametrize('timeout', [0.5, 3.0, 60.0])
+def test_one_who_is_heard_as_two_vehicles_is_never_commanded(timeout):
     air = Air()
+    air.link = AutopilotLink(air.port, target_system=7, timeout=timeout, streams={})
     for _ in range(10):
         air.beat(PLANE)
+        air.poll(0.8)
         air.beat(QUAD)
-        air.poll(1.0)
+        air.poll(0.2)
         assert not air.link.up
         assert 'FIXED_WING' in air.link.rejected
     air.poll(2.5)

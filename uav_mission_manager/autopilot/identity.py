@@ -38,6 +38,10 @@ MAX_OTHERS = 16
 OTHERS_TIMEOUT = 10.0
 """Time [s] after which a silent other is forgotten: a choice, ten heartbeats."""
 
+WRONG_VEHICLE_TIMEOUT = 3.0
+"""Time [s] for which one who was heard as a wrong vehicle is not commanded: a choice, three
+heartbeats."""
+
 
 @dataclass(frozen=True)
 class _Caller:
@@ -111,7 +115,9 @@ class Identity:
         """Forget who is silent; only then may the autopilot be another one."""
         if now - max(self.beat_at, self._kept_at) > self._timeout:
             self._free = True
-        self._wrong = {c: t for c, t in self._wrong.items() if 0 <= now - t <= self._timeout}
+        self._wrong = {
+            c: t for c, t in self._wrong.items() if 0 <= now - t <= WRONG_VEHICLE_TIMEOUT
+        }
         if not self._wrong:
             self.rejected = ''
         self._others = {
@@ -145,7 +151,7 @@ class Identity:
             self._reject(caller, objection, now)
             return False
         # One who was heard as two vehicles may be two: not before the other one is silent.
-        if not self._free or now - self._wrong.get(caller, -math.inf) > self._timeout:
+        if not self._free or now - self._wrong.get(caller, -math.inf) > WRONG_VEHICLE_TIMEOUT:
             self._choose(caller, beat, now)
             return True
         return False
@@ -169,10 +175,8 @@ class Identity:
 
     def _note(self, caller: _Caller, beat: Any | None, now: float) -> None:
         autopilots = self.target_system, mavlink.MAV_COMP_ID_AUTOPILOT1
-        if (caller.system, caller.component) != autopilots:
-            caller = replace(
-                caller, address=None
-            )  # One line for each; where it is matters little.
+        if (caller.system, caller.component) != autopilots:  # Its address matters little.
+            caller = replace(caller, address=None)
         _, kind = self._others.get(caller, (now, None))
         self._others[caller] = now, beat.type if beat else kind
         if len(self._others) > MAX_OTHERS:
@@ -196,5 +200,6 @@ def _in_words(caller: _Caller, kind: int | None) -> str:
     if kind is not None:
         words += f' {short_name("MAV_TYPE", kind)}'
     if caller.address is not None:
-        words += f' at {":".join(str(part) for part in caller.address)}'
+        at = caller.address
+        words += f' at {":".join(map(str, at)) if isinstance(at, tuple) else at}'
     return words if caller.version == 2 else f'{words}, MAVLink 1: ignored'
