@@ -55,14 +55,16 @@ class GroundStation:
         self.link = mavutil.mavlink_connection(f'udpin:127.0.0.1:{self.port}')
         self.mav = mavlink.MAVLink(self.link, 255, 190)
         self.mav.robust_parsing = True
-        self.latest, self.texts = {}, []
+        self.latest, self.texts, self.components = {}, [], set()
 
     def poll(self):
         data = self.link.recv(4096)
         if not data:
             time.sleep(0.002)
             return []
-        messages = [m for m in self.mav.parse_buffer(data) or [] if m.get_srcComponent() == 1]
+        heard = self.mav.parse_buffer(data) or []
+        self.components |= {m.get_srcComponent() for m in heard}
+        messages = [m for m in heard if m.get_srcComponent() == 1]
         self.latest.update((m.get_type(), m) for m in messages)
         self.texts += [m.text for m in messages if m.get_type() == 'STATUSTEXT']
         return messages
@@ -167,11 +169,13 @@ def simulator(station):
 def take_off(station):
     for message, seconds in STREAMS.items():
         assert station.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message, seconds * 1e6) == 0
+    # Before GUIDED, which needs a position, it says that it is ready without one.
+    assert station.command(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED) == 0
     prearm = mavlink.MAV_SYS_STATUS_PREARM_CHECK
+    station.next('SYS_STATUS')
     station.until(
         lambda: station.next('SYS_STATUS').onboard_control_sensors_health & prearm, 'not ready'
     )
-    assert station.command(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED) == 0
     assert station.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == 0
     assert station.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 20) == 0
     station.next('GLOBAL_POSITION_INT')
@@ -222,6 +226,20 @@ def test_low_battery_brings_it_home(simulator, station):
     station.until(lambda: not station.armed, 'does not land')
 
 
+def test_reboot_is_short_and_begins_anew(simulator, station):
+    station.next('HEARTBEAT')
+    take_off(station)
+    number = mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
+    assert station.command(number, 1) == 4
+    assert station.command(mavlink.MAV_CMD_NAV_LAND) == 0
+    station.until(lambda: not station.armed, 'does not land')
+    before = station.next('GLOBAL_POSITION_INT').time_boot_ms
+    assert station.command(number, 1) == 0
+    station.until(lambda: station.next('HEARTBEAT').system_status == 1, 'does not boot')
+    take_off(station)
+    assert station.latest['GLOBAL_POSITION_INT'].time_boot_ms < before
+
+
 def test_time_runs_at_the_speed_asked_for(simulator, station):
     station.next('HEARTBEAT')
     assert (
@@ -261,6 +279,20 @@ def test_each_link_has_its_own_streams():
             station.link.close()
 
 
+@pytest.mark.parametrize(
+    ('options', 'kind', 'components'),
+    [((), 2, {1}), (('--frame', 'hexa', '--camera'), 13, {1, 100})],
+)
+def test_vehicles_to_choose_from(station, options, kind, components):
+    process = start(f'--connection=udpout:127.0.0.1:{station.port}', '--speedup', '20', *options)
+    try:
+        for _ in range(5):
+            assert station.next('HEARTBEAT').type == kind
+        assert station.components == components
+    finally:
+        stop(process)
+
+
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_signal_ends_it_without_a_peer(number):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -290,6 +322,7 @@ def test_signal_ends_it_without_a_peer(number):
         ('--connection', 'nowhere'),
         ('--connection', 'udpin:192.0.2.1:14550'),
         ('--system-id', '256'),
+        ('--frame', 'penta'),
     ],
 )
 def test_bad_arguments_end_in_one_clear_line(arguments):

@@ -82,27 +82,32 @@ def test_local_frame_has_the_lengths_of_wgs84(origin, place, expected):
 
 def test_arming_waits_for_the_boot():
     flight = SimulatedFlight(ORIGIN)
+    run(flight, 0.5)
+    assert not flight.arm()
+    assert texts(flight) == ['Arm: EKF attitude is bad', 'Arm: Gyros inconsistent']
+    flight.texts.clear()
+    run(flight, 2.0)
+    assert not flight.arm()
+    assert texts(flight) == ['Arm: Gyros inconsistent']
     run(flight, 1.0)
+    assert flight.arming_faults() == []  # STABILIZE flies without a position
+    assert flight.set_mode(SimulatedMode.GUIDED)
     assert not flight.arm()
-    assert texts(flight) == ['Arm: EKF3 still initialising']
-    run(flight, 3.9)
-    assert not flight.arm()
-    assert not flight.set_mode(SimulatedMode.GUIDED)
     assert 'Arm: Need Position Estimate' in texts(flight)
-    run(flight, 0.2)
+    run(flight, 1.6)
     assert flight.arm()
 
 
-def test_fix_comes_after_the_attitude_and_before_the_position():
-    flight = SimulatedFlight(ORIGIN, boot_seconds=40.0)
+def test_fix_comes_after_the_attitude_and_long_before_the_position():
+    flight = SimulatedFlight(ORIGIN, boot_seconds=41.5)
 
     def time_of(name):
-        return run_until(flight, lambda: getattr(flight.estimator, name), 40.1)
+        run_until(flight, lambda: getattr(flight.estimator, name), 45.0)
+        return flight.time
 
-    assert time_of('attitude_ok') == pytest.approx(12.0, abs=0.1)
-    assert time_of('gps_fix') > 5.0
-    assert time_of('position_ok') > 5.0
-    assert flight.time == pytest.approx(40.0, abs=0.1)
+    times = [time_of(name) for name in ('started', 'attitude_ok', 'gps_fix', 'calm')]
+    assert times == pytest.approx([2.7, 6.0, 10.0, 23.5], abs=0.1)
+    assert time_of('position_ok') == pytest.approx(41.5, abs=0.1)
 
 
 def test_without_gps_no_position_ever_comes():
@@ -110,7 +115,7 @@ def test_without_gps_no_position_ever_comes():
     flight.parameters['SIM_GPS1_ENABLE'] = 0.0
     run(flight, 20.0)
     assert not flight.position_ok
-    assert not flight.estimator.located
+    assert not flight.estimator.gps_found
     flight.parameters['SIM_GPS1_ENABLE'] = 1.0
     run(flight, 0.1)
     assert flight.position_ok
@@ -118,10 +123,19 @@ def test_without_gps_no_position_ever_comes():
 
 def test_what_keeps_it_from_arming_is_told_unasked():
     flight = SimulatedFlight(ORIGIN, boot_seconds=70.0)
-    run(flight, 89.0)
-    assert texts(flight) == ['PreArm: Need Position Estimate'] * 2
-    run(flight, 60.0)
+    run(flight, 31.0)
+    assert texts(flight) == ['PreArm: Gyros inconsistent']
+    run(flight, 10.0)
+    flight.set_mode(SimulatedMode.GUIDED)  # which needs a position: news
+    run(flight, 1.1)
+    assert texts(flight)[1:] == ['PreArm: Need Position Estimate']
+    run(flight, 28.0)
     assert len(texts(flight)) == 2
+    run(flight, 60.0)  # ready by now
+    assert len(texts(flight)) == 2
+    flight.parameters['SIM_MAG1_FAIL'] = 1
+    run(flight, 61.5)
+    assert texts(flight)[2:] == ['PreArm: Compass not healthy'] * 3
 
 
 def test_take_off_only_armed_in_guided_and_on_the_ground(flight):
@@ -132,7 +146,7 @@ def test_take_off_only_armed_in_guided_and_on_the_ground(flight):
     assert flight.set_mode(SimulatedMode.GUIDED)
     assert not flight.take_off(-1.0)
     assert flight.take_off(20.0)
-    assert run_until(flight, lambda: not flight.body.on_ground, 5.0) == pytest.approx(3.5, abs=0.1)
+    assert run_until(flight, lambda: not flight.body.on_ground, 5.0) == pytest.approx(3.4, abs=0.1)
     run(flight, 15.0)
     assert not flight.take_off(30.0)
 
@@ -142,9 +156,16 @@ def test_second_take_off_while_motors_spool_up_is_accepted(flight):
     flight.take_off(20.0)
     run(flight, 2.0)
     assert flight.take_off(10.0)
-    assert run_until(flight, lambda: not flight.body.on_ground, 2.0) == pytest.approx(1.5, abs=0.1)
+    assert run_until(flight, lambda: not flight.body.on_ground, 2.0) == pytest.approx(1.4, abs=0.1)
     run(flight, 20.0)
     assert flight.body.altitude == pytest.approx(10.0, abs=0.1)
+
+
+def test_take_off_long_after_arming_lifts_off_soon(flight):
+    flight.arm()
+    run(flight, 5.0)
+    flight.take_off(20.0)
+    assert run_until(flight, lambda: not flight.landed, 2.0) == pytest.approx(1.0, abs=0.1)
 
 
 def test_idle_timer_does_not_interfere_with_a_take_off(flight):
@@ -374,6 +395,8 @@ def test_low_voltage_returns_then_lands_if_wanted(airborne):
     airborne.set_mode(SimulatedMode.GUIDED)
     run(airborne, 20.0)
     assert airborne.failsafe  # also disarmed, and with a good voltage
+    assert not airborne.arm()
+    assert 'Arm: Battery failsafe' in texts(airborne)
     airborne.set_charge(100.0)
     run(airborne, 0.1)
     assert not airborne.failsafe
@@ -426,10 +449,11 @@ def test_lost_gps_lands_and_drifts(airborne):
     assert airborne.set_mode(SimulatedMode.LAND)
     run_until(airborne, lambda: not airborne.armed, 60.0)
     assert airborne.body.position.real > 20.0
-    assert not airborne.failsafe
+    assert airborne.failsafe  # also disarmed, until there is a position
     airborne.parameters['SIM_GPS1_ENABLE'] = 1.0
     run(airborne, 0.1)
-    assert airborne.set_mode(SimulatedMode.GUIDED)
+    assert not airborne.failsafe
+    assert 'EKF Failsafe Cleared' in texts(airborne)
 
 
 def test_return_to_launch_ends_disarmed_at_home_in_rtl(airborne):
@@ -472,7 +496,9 @@ def test_home_moves_to_where_it_is_armed_unless_locked(airborne):
 def test_landing_disarms_two_seconds_after_touch_down(airborne):
     airborne.set_mode(SimulatedMode.LAND)
     run_until(airborne, lambda: airborne.body.on_ground, 60.0)
-    assert run_until(airborne, lambda: not airborne.armed, 5.0) == pytest.approx(2.0, abs=0.1)
+    assert run_until(airborne, lambda: airborne.landed, 5.0) == pytest.approx(1.6, abs=0.1)
+    assert airborne.armed
+    assert run_until(airborne, lambda: not airborne.armed, 5.0) == pytest.approx(0.5, abs=0.1)
 
 
 def test_lost_remote_control_returns_and_its_return_changes_nothing(airborne):
@@ -500,6 +526,14 @@ def test_remote_control_is_not_watched_if_not_wanted(airborne):
     run(airborne, 5.0)
     assert not airborne.failsafe
     assert airborne.mode == SimulatedMode.GUIDED
+
+
+def test_remote_control_lost_on_the_ground(flight):
+    flight.parameters.update(SIM_RC_FAIL=1, FS_OPTIONS=4)
+    run(flight, 2.0)
+    assert texts(flight)[0] == 'Radio Failsafe - Disarming'
+    assert flight.failsafe
+    assert flight.arming_faults() == ['Radio failsafe on']
 
 
 def test_arming_needs_a_low_throttle_but_none_below_the_failsafe(flight):
@@ -545,6 +579,24 @@ def test_targets_outside_the_fence_are_refused(airborne):
     assert airborne.go_to(49 + 0j, 29.0)
 
 
+@pytest.mark.parametrize(
+    ('limits', 'kind'),
+    [({'FENCE_RADIUS': 50.0}, 'Circle'), ({'FENCE_ALT_MAX': 10.0}, 'Max Alt')],
+)
+def test_breached_fence_returns(airborne, limits, kind):
+    airborne.go_to(70 + 0j, 20.0)
+    run(airborne, 20.0)
+    airborne.parameters.update(FENCE_ENABLE=1, **limits)
+    run(airborne, 0.1)
+    assert airborne.mode == SimulatedMode.RTL
+    assert texts(airborne)[-1] == f'{kind} fence breached'
+    assert airborne.failsafes.fence
+    assert not airborne.failsafe
+    run_until(airborne, lambda: not airborne.armed, 90.0)
+    run(airborne, 0.1)
+    assert not airborne.failsafes.fence
+
+
 def test_reboot_starts_anew_where_it_is(airborne):
     assert not airborne.reboot()
     airborne.go_to(30 + 0j, 20.0)
@@ -587,6 +639,7 @@ def test_disarming_in_the_air_needs_force(airborne):
 def test_modes_that_are_refused(airborne):
     assert not airborne.set_mode(SimulatedMode.AUTO)  # there is no mission
     assert not airborne.set_mode(99)
+    assert texts(airborne)[-2:] == ['Mode change to AUTO failed: init failed', 'No such mode 99']
     assert airborne.mode == SimulatedMode.GUIDED
 
 

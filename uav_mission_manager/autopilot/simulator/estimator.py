@@ -1,47 +1,58 @@
-"""The receiver's fix and the estimator's position: how they come after boot, and how they go."""
+"""What is known of the vehicle's state: how it comes after boot, and how it goes without GPS."""
 
 from __future__ import annotations
 
 import math
 
-ATTITUDE_SHARE, FIX_SHARE = 0.3, 0.6
-"""Parts of the boot after which the attitude is known and the receiver has a fix: choices.
-ArduCopter, which needs some 42 s for a position, has both well before."""
+START_SHARE, ATTITUDE_SHARE, FIX_SHARE, CALM_SHARE = 0.065, 0.145, 0.24, 0.565
+"""Parts of the boot after which the autopilot runs, the attitude is known, GPS has a fix, and the
+inertial sensors agree. Measured on ArduCopter, which has a position after 41.5 s."""
 
 GPS_TIMEOUT = 1.0
 """Time [s] without signals after which the receiver has no fix: a choice; ArduCopter was seen to
-take no more than 3 s."""
+take 1 s to 3 s."""
 
 DEAD_RECKONING_TIME = 8.0
 """Time [s] without signals for which the estimator keeps a position. Measured on ArduCopter."""
 
+AIDING_TIME = 16.0
+"""Time [s] without signals after which the estimator stops to look for a position and holds one.
+Measured on ArduCopter."""
+
 
 class Estimator:
-    """What is known of attitude and position, `boot_seconds` from power-up to a position.
+    """What is known since boot, `boot_seconds` before there is a position.
 
     Attributes
     ----------
-    attitude_ok, gps_found, gps_fix, position_ok : bool
-        Whether there is an attitude, was a fix since boot, is a fix, is a position; the position
-        lives on for a while without GPS.
-    located : bool
-        Whether there was a position since boot: from then on one is reported, right or wrong.
+    started, attitude_ok, calm : bool
+        Whether the autopilot runs, knows the attitude, and has inertial sensors that agree.
+    gps_fix, gps_found : bool
+        Whether the receiver has a fix, and had one since boot. From then on a position is told,
+        long before the estimator has one to fly by.
+    position_ok : bool
+        Whether there is a position to fly by; it lives on for a while without GPS.
+    coasting : bool
+        Whether that position was lost a short while ago.
     """
 
     def __init__(self, boot_seconds: float) -> None:
         self._boot_seconds = boot_seconds
         self._silent = math.inf  # [s] since the last signals
-        self.attitude_ok = self.gps_found = self.gps_fix = False
-        self.position_ok = self.located = False
+        self.started = self.attitude_ok = self.calm = False
+        self.gps_fix = self.gps_found = False
+        self.position_ok = self.coasting = False
 
     def update(self, time: float, dt: float, signals: bool) -> None:
         """Go on by `dt` seconds, with GPS signals or without; `time` counts from boot."""
         share = time / self._boot_seconds
-        self._silent = 0.0 if signals and share >= FIX_SHARE else self._silent + dt
+        self.started = share >= START_SHARE
         self.attitude_ok = share >= ATTITUDE_SHARE
+        self.calm = share >= CALM_SHARE
+        self._silent = 0.0 if signals and share >= FIX_SHARE else self._silent + dt
         self.gps_fix = self._silent < GPS_TIMEOUT
         self.gps_found |= self.gps_fix
-        was_ok = self.position_ok
-        known = self.gps_fix or (was_ok and self._silent < DEAD_RECKONING_TIME)
-        self.position_ok = share >= 1.0 and known
-        self.located |= self.position_ok
+        had = self.position_ok or self.coasting
+        keeps = self.position_ok and self._silent < DEAD_RECKONING_TIME
+        self.position_ok = share >= 1.0 and (self.gps_fix or keeps)
+        self.coasting = had and not self.position_ok and self._silent < AIDING_TIME

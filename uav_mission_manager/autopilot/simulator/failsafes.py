@@ -1,7 +1,7 @@
 """Failsafes of the simulated autopilot: battery, radio, ground station, estimator, as ArduCopter.
 
 What a failsafe does when the vehicle stands on the ground, lands already or has no position is
-ArduCopter's (events.cpp, ekf_check.cpp); its texts too.
+ArduCopter's; its texts too.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from uav_mission_manager.autopilot.simulator.modes import SimulatedMode
 if TYPE_CHECKING:
     from uav_mission_manager.autopilot.simulator.flight import SimulatedFlight
 
-CRITICAL, WARNING, INFO = 2, 4, 6
+CRITICAL, WARNING, NOTICE, INFO = 2, 4, 5, 6
 """Severities of a text to the pilot: MAVLink's numbers (MAV_SEVERITY)."""
 
 RADIO_TIMEOUT = 1.0
@@ -44,19 +44,21 @@ class Failsafes:
     battery : BatteryMonitor
     radio, ground, estimator : bool
         Whether the remote control, the ground station, the position is lost and acted upon.
-    thrust_loss : bool
-        Whether the motors were found too weak; no failsafe, only told.
+    fence, thrust_loss : bool
+        Whether the vehicle is outside the fence, and the motors were found too weak: failsafes
+        that the vehicle's state does not tell.
     """
 
     def __init__(self) -> None:
         self.battery = BatteryMonitor()
-        self.radio = self.ground = self.estimator = self.thrust_loss = False
+        self.radio = self.ground = self.estimator = False
+        self.fence = self.thrust_loss = False
         self._radio_silent = self._short = 0.0
         self._ground_silent: float | None = None
 
     @property
     def active(self) -> bool:
-        """Whether any failsafe is on, which the vehicle's state tells, also disarmed."""
+        """Whether a failsafe is on that the vehicle's state tells, also disarmed."""
         return self.battery.level > 0 or self.radio or self.ground or self.estimator
 
     def hear_ground_station(self) -> None:
@@ -69,6 +71,7 @@ class Failsafes:
         self._watch_radio(dt, flight)
         self._watch_ground_station(dt, flight)
         self._watch_position(flight)
+        self._watch_fence(flight)
         self._short = self._short + dt if flight.body.thrust_short else 0.0
         if self._short > THRUST_LOSS_TIME and flight.armed and not self.thrust_loss:
             self.thrust_loss = True
@@ -78,7 +81,8 @@ class Failsafes:
         voltage = flight.body.battery.voltage
         if flight.armed and self.battery.update(dt, voltage, flight.parameters):
             name, parameter = BATTERY_LEVELS[self.battery.level - 1]
-            flight.say(WARNING, f'Battery 1 is {name} {voltage:.2f}V')
+            used = flight.body.battery.consumed * 1000.0
+            flight.say(WARNING, f'Battery 1 is {name} {voltage:.2f}V used {used:.0f} mAh')
             action = BATTERY_ACTIONS.get(int(flight.parameters[parameter]))
             _act(flight, 'Battery', action, self._landing_goes_on(flight))
 
@@ -107,19 +111,33 @@ class Failsafes:
         lost = late and flight.parameters['FS_GCS_ENABLE'] > 0.0
         if lost and not self.ground:
             goes_on = self._landing_goes_on(flight)
-            _act(flight, 'GCS', _lost_link_action(flight, 'FS_GCS_ENABLE'), goes_on)
+            if flight.armed:
+                _act(flight, 'GCS', _lost_link_action(flight, 'FS_GCS_ENABLE'), goes_on)
+            else:
+                flight.say(WARNING, 'GCS Failsafe')
         elif self.ground and not lost:
             flight.say(WARNING, 'GCS Failsafe Cleared')
         self.ground = lost
 
     def _watch_position(self, flight: SimulatedFlight) -> None:
-        lost = flight.armed and not flight.position_ok
-        if lost and not self.estimator and flight.mode != SimulatedMode.STABILIZE:
+        if flight.position_ok:
+            if self.estimator:
+                flight.say(CRITICAL, 'EKF Failsafe Cleared')
+            self.estimator = False
+        elif flight.armed and not self.estimator and flight.mode != SimulatedMode.STABILIZE:
+            self.estimator = True
             flight.say(CRITICAL, 'EKF Failsafe: changed to LAND Mode')
             flight.change_mode(SimulatedMode.LAND)
-        elif self.estimator and not lost:
-            flight.say(CRITICAL, 'EKF Failsafe Cleared')
-        self.estimator = lost
+
+    def _watch_fence(self, flight: SimulatedFlight) -> None:
+        body = flight.body
+        outside = flight.armed and not flight.inside_fence(body.position, body.altitude)
+        if outside and not self.fence:
+            circle = flight.inside_fence(flight.home.position, body.altitude)
+            flight.say(NOTICE, f'{"Circle" if circle else "Max Alt"} fence breached')
+            if not flight.landed:
+                flight.change_mode(_possible(flight, SimulatedMode.RTL))
+        self.fence = outside
 
     def _landing_goes_on(self, flight: SimulatedFlight) -> str:
         """Words for it that a landing goes on whatever is lost; empty if it does not."""
@@ -134,14 +152,19 @@ def _lost_link_action(flight: SimulatedFlight, parameter: str) -> SimulatedMode:
     return SimulatedMode.LAND if lands else SimulatedMode.RTL
 
 
+def _possible(flight: SimulatedFlight, mode: SimulatedMode) -> SimulatedMode:
+    """Without a position it can only land."""
+    return mode if flight.position_ok else SimulatedMode.LAND
+
+
 def _act(flight: SimulatedFlight, name: str, action: SimulatedMode | None, goes_on: str) -> None:
-    """Tell of a failsafe and do it: on the ground disarm, without a position land."""
-    if flight.armed and flight.body.on_ground:
+    """Tell of a failsafe and do it; on the ground it disarms."""
+    if flight.landed:
         flight.say(WARNING, f'{name} Failsafe - Disarming')
         flight.disarm()
     elif goes_on:
         flight.say(WARNING, f'{name} Failsafe - {goes_on}')
     else:
         flight.say(WARNING, f'{name} Failsafe')
-        if flight.armed and action is not None and action != flight.mode:
-            flight.change_mode(action if flight.position_ok else SimulatedMode.LAND)
+        if action is not None and action != flight.mode:
+            flight.change_mode(_possible(flight, action))

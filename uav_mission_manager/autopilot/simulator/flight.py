@@ -23,14 +23,20 @@ from uav_mission_manager.autopilot.simulator.wind import SimulatedWind
 CRASH_SPEED = 2.5
 """Sink rate [m/s] of a touch-down above which the vehicle has crashed: a choice."""
 
-TOUCHDOWN_TIME = 2.0
-"""Time [s] on the ground before a landing disarms. Measured on ArduCopter."""
+LANDED_TIME, TOUCHDOWN_TIME = 1.6, 2.1
+"""Time [s] on the ground before the autopilot believes it, and before a landing disarms. Measured
+on ArduCopter."""
+
+ARMING_TO_LIFT_OFF, TAKE_OFF_TO_LIFT_OFF = 3.4, 1.0
+"""Time [s] from arming and from an accepted take-off to lift-off, whichever is later. Measured on
+ArduCopter, whose motors wait, then spool up."""
 
 REBOOT_TIME = 1.0
 """Time [s] of a reboot in which nothing is sent or heard: a choice; ArduCopter's was below 3 s."""
 
-ARMING_REPORT_PERIOD = 30.0
-"""Time [s] after which what keeps the vehicle from arming is told unasked: ArduCopter's."""
+ARMING_CHECK_PERIOD, ARMING_NEWS_PERIOD, ARMING_REPORT_PERIOD = 1.0, 4.0, 30.0
+"""Time [s] between two looks at what keeps the vehicle from arming, and between two reports of it
+unasked, when it has just begun and when it lasts. ArduCopter's."""
 
 MAX_LOW_THROTTLE = 1030.0
 """Throttle [us] that counts as low for arming: ArduCopter's defaults, RC3_MIN and RC3_DZ."""
@@ -48,6 +54,9 @@ class SimulatedFlight:
         Seconds since boot; below 0 the autopilot is rebooting, and deaf and mute.
     boots : int
         Reboots so far.
+    landed : bool
+        Whether the autopilot believes that it is on the ground: a while after touch-down, and
+        always when the motors stand still.
     """
 
     def __init__(
@@ -70,12 +79,15 @@ class SimulatedFlight:
         self.time = time
         self.texts: list[tuple[int, str]] = []
         self.armed = False
+        self.landed = True
         self.home = Home(self.body.position, self.body.altitude)
         self.estimator = Estimator(self._boot_seconds)
         self.failsafes = Failsafes()
         self.guidance = Guidance(self.body, self.parameters)
-        self._ground_time = 0.0
-        self._report_due = ARMING_REPORT_PERIOD
+        self._armed_at = self._ground_time = 0.0
+        self._check_due = ARMING_CHECK_PERIOD
+        self._reported = 0.0
+        self._was_ready = self._news = False
         self.body.battery.start_counting()
 
     # What can be seen from outside
@@ -94,11 +106,6 @@ class SimulatedFlight:
     def landing(self) -> bool:
         """Whether the mode is descending to land."""
         return self.guidance.landing
-
-    @property
-    def landed(self) -> bool:
-        """Whether the autopilot believes it is on the ground: without motors it always does."""
-        return self.body.on_ground or not self.armed
 
     @property
     def position_ok(self) -> bool:
@@ -136,11 +143,13 @@ class SimulatedFlight:
         throttle_ok = values['SIM_RC3'] >= values['FS_THR_VALUE'] or not values['FS_THR_ENABLE']
         located = self.position_ok and self.estimator.gps_fix
         checks = (
-            (self.estimator.attitude_ok, 'EKF3 still initialising'),
-            (located or not self.estimator.attitude_ok, 'Need Position Estimate'),
+            (self.estimator.attitude_ok, 'EKF attitude is bad'),
+            (self.estimator.calm, 'Gyros inconsistent'),
+            (located or self.mode in MODES_WITHOUT_POSITION, 'Need Position Estimate'),
             (not values['SIM_MAG1_FAIL'], 'Compass not healthy'),
             (not values['SIM_BARO_DISABLE'], 'Barometer not healthy'),
             (voltage >= low, 'Battery 1 low voltage failsafe'),
+            (self.battery.level == 0, 'Battery failsafe'),
             (throttle_ok, 'Throttle below failsafe'),
             (not self.failsafes.radio, 'Radio failsafe on'),
             (not self.failsafes.ground, 'GCS failsafe on'),
@@ -165,6 +174,7 @@ class SimulatedFlight:
         if not self.home.locked:
             self.home = Home(self.body.position, self.body.altitude)
         self.armed = True
+        self._armed_at = self.time
         self._ground_time = 0.0
         self.say(INFO, 'Arming motors')
         return True
@@ -174,26 +184,25 @@ class SimulatedFlight:
         if self.armed and not self.body.on_ground and not force:
             return False
         if self.armed:
-            self.armed = self.guidance.taking_off = False
-            self.failsafes.thrust_loss = self.failsafes.estimator = False
+            self.armed = self.guidance.taking_off = self.failsafes.thrust_loss = False
+            self.landed = True  # as far as the autopilot knows
             self.say(INFO, 'Disarming motors')
         return True
 
     def set_mode(self, number: int) -> bool:
-        """Change the flight mode; AUTO needs a mission, which cannot be uploaded."""
-        name, reason = str(number), ''
+        """Change the flight mode; armed, its needs are checked, and AUTO has no mission."""
         if number not in set(SimulatedMode):
-            reason = 'no such mode'
-        else:
-            name = SimulatedMode(number).name
-            if number not in MODES_WITHOUT_POSITION and not self.position_ok:
-                reason = 'requires position'
-            elif number == SimulatedMode.AUTO:
-                reason = 'init failed'
+            self.say(WARNING, f'No such mode {number}')
+            return False
+        mode, reason = SimulatedMode(number), ''
+        if self.armed and mode not in MODES_WITHOUT_POSITION and not self.position_ok:
+            reason = 'requires position'
+        elif self.armed and mode == SimulatedMode.AUTO:
+            reason = 'init failed'
         if reason:
-            self.say(WARNING, f'Mode change to {name} failed: {reason}')
-        elif number != self.mode:
-            self.change_mode(SimulatedMode(number))
+            self.say(WARNING, f'Mode change to {mode.name} failed: {reason}')
+        elif mode != self.mode:
+            self.change_mode(mode)
         return not reason
 
     def change_mode(self, mode: SimulatedMode) -> None:
@@ -202,11 +211,13 @@ class SimulatedFlight:
 
     def take_off(self, altitude: float) -> bool:
         """Climb to `altitude` [m] over home; only armed, in GUIDED and on the ground."""
-        if not (self.armed and self.mode == SimulatedMode.GUIDED and self.body.on_ground):
+        if not (self.armed and self.mode == SimulatedMode.GUIDED and self.landed):
             return False
         if self.home.altitude + altitude <= self.body.altitude:
             return False
-        self.guidance.take_off(self.home.altitude + altitude)
+        spooled_up = self._armed_at + ARMING_TO_LIFT_OFF - self.time
+        wait = max(spooled_up, TAKE_OFF_TO_LIFT_OFF)
+        self.guidance.take_off(self.home.altitude + altitude, wait)
         return True
 
     def inside_fence(self, position: complex, altitude: float) -> bool:
@@ -263,13 +274,20 @@ class SimulatedFlight:
             self._rest(dt, touched=not was_on_ground)
         else:
             self._ground_time = 0.0
+            self.landed = not self.armed
 
     def _report(self) -> None:
-        """Tell now and then what keeps the vehicle from arming."""
-        if self.time >= self._report_due:
-            self._report_due += ARMING_REPORT_PERIOD
-            if not self.armed:
-                self.texts += [(CRITICAL, f'PreArm: {text}') for text in self.arming_faults()]
+        """Tell now and then what keeps the vehicle from arming, and soon when it begins."""
+        if self.time < self._check_due:
+            return
+        self._check_due += ARMING_CHECK_PERIOD
+        faults = [] if self.armed else self.arming_faults()
+        self._news |= self._was_ready and bool(faults)
+        self._was_ready = not faults
+        period = ARMING_NEWS_PERIOD if self._news else ARMING_REPORT_PERIOD
+        if self.time - self._reported >= period:
+            self._reported, self._news = self.time, False
+            self.texts += [(CRITICAL, f'PreArm: {text}') for text in faults]
 
     def _conditions(self) -> Conditions:
         weak = int(self.parameters['SIM_ENGINE_FAIL'])
@@ -285,6 +303,7 @@ class SimulatedFlight:
     def _rest(self, dt: float, touched: bool) -> None:
         """On the ground: crash, end of a landing, or armed too long without a take-off."""
         self._ground_time = 0.0 if touched or self.taking_off else self._ground_time + dt
+        self.landed |= self._ground_time >= LANDED_TIME
         crashed = touched and self.body.impact > CRASH_SPEED
         if not self.armed:
             return

@@ -16,9 +16,6 @@ from uav_mission_manager.autopilot.simulator.physics import (
     shorten,
 )
 
-SPOOL_UP_TIME = 3.5
-"""Time [s] from an accepted take-off to lift-off: motors spool up. Measured on ArduCopter."""
-
 LAND_SLOW_ALTITUDE = 10.0
 """Altitude [m] below which LAND descends slowly: ArduCopter's default (LAND_ALT_LOW)."""
 
@@ -71,10 +68,10 @@ class Guidance:
             height = home.altitude + self._parameters['RTL_ALT'] / 100.0
             self._target_altitude = max(body.altitude, height)
 
-    def take_off(self, altitude: float) -> None:
-        """Climb to an altitude over the origin [m], once the motors turn fast enough."""
+    def take_off(self, altitude: float, wait: float) -> None:
+        """Climb to an altitude over the origin [m], after `wait` seconds for the motors."""
         if not self.taking_off:
-            self._spooling = SPOOL_UP_TIME
+            self._spooling = wait
         self._target, self._target_altitude = self._body.position, altitude
         self.taking_off, self._to_position = True, False
 

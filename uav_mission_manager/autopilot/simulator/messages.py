@@ -39,6 +39,7 @@ HEALTH_CHECKS: dict[int, Callable[[SimulatedFlight], bool]] = {
     mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER: lambda flight: not flight.failsafes.radio,
     mavlink.MAV_SYS_STATUS_SENSOR_BATTERY: lambda flight: flight.battery.level == 0,
     mavlink.MAV_SYS_STATUS_SENSOR_PROPULSION: lambda flight: not flight.thrust_loss,
+    mavlink.MAV_SYS_STATUS_GEOFENCE: lambda flight: not flight.failsafes.fence,
     mavlink.MAV_SYS_STATUS_PREARM_CHECK: lambda flight: flight.armed or not flight.arming_faults(),
 }
 """SYS_STATUS bits of what may fail, each with whether it is healthy."""
@@ -50,7 +51,11 @@ EKF_FLAGS_WITHOUT_POSITION = (
     | mavlink.EKF_POS_VERT_ABS
     | mavlink.EKF_CONST_POS_MODE
 )
-"""EKF_STATUS_REPORT flags of an attitude without a position, during boot. Seen on ArduCopter."""
+"""EKF_STATUS_REPORT flags without a position, before there is one and long after it was lost. Seen
+on ArduCopter."""
+
+EKF_FLAGS_COASTING = mavlink.EKF_ATTITUDE | mavlink.EKF_VELOCITY_VERT | mavlink.EKF_POS_VERT_ABS
+"""EKF_STATUS_REPORT flags just after the position was lost. Seen on ArduCopter."""
 
 EKF_FLAGS_WITH_POSITION = (
     mavlink.EKF_ATTITUDE
@@ -66,13 +71,14 @@ EKF_FLAGS_WITH_POSITION = (
 
 
 def heartbeat(flight: SimulatedFlight) -> Any:
-    """Mode, arming and state; the GUIDED bit says that the position is under control."""
+    """Mode, arming and state; the GUIDED bit clears when the position is lost in flight."""
     base = (
         mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
         | mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
     )
-    if flight.mode != SimulatedMode.STABILIZE and flight.position_ok:
+    lost = flight.armed and not flight.position_ok
+    if flight.mode != SimulatedMode.STABILIZE and not lost:
         base |= mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
     if flight.armed:
         base |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
@@ -89,7 +95,7 @@ def heartbeat(flight: SimulatedFlight) -> Any:
 def _state(flight: SimulatedFlight) -> int:
     if flight.failsafe:
         return mavlink.MAV_STATE_CRITICAL
-    if not flight.estimator.attitude_ok:
+    if not flight.estimator.started:
         return mavlink.MAV_STATE_BOOT
     return mavlink.MAV_STATE_STANDBY if flight.landed else mavlink.MAV_STATE_ACTIVE
 
@@ -133,7 +139,9 @@ def _battery_status(flight: SimulatedFlight) -> Any:
 
 def _gps_raw(flight: SimulatedFlight) -> Any:
     fixed, found = flight.estimator.gps_fix, flight.estimator.gps_found
-    fix = mavlink.GPS_FIX_TYPE_RTK_FIXED if fixed else mavlink.GPS_FIX_TYPE_NO_FIX
+    fix = mavlink.GPS_FIX_TYPE_NO_FIX if found else mavlink.GPS_FIX_TYPE_NO_GPS
+    if fixed:
+        fix = mavlink.GPS_FIX_TYPE_RTK_FIXED
     latitude, longitude = _place(flight) if fixed else (0, 0)
     speed, course = cmath.polar(flight.body.velocity)
     return mavlink.MAVLink_gps_raw_int_message(
@@ -152,7 +160,7 @@ def _gps_raw(flight: SimulatedFlight) -> Any:
 
 def _global_position(flight: SimulatedFlight) -> Any:
     body = flight.body
-    latitude, longitude = _place(flight) if flight.estimator.located else (0, 0)
+    latitude, longitude = _place(flight) if flight.estimator.gps_found else (0, 0)
     return mavlink.MAVLink_global_position_int_message(
         _milliseconds(flight),
         latitude,
@@ -220,9 +228,11 @@ def _extended_sys_state(flight: SimulatedFlight) -> Any:
 
 
 def _ekf_status(flight: SimulatedFlight) -> Any:
+    estimator = flight.estimator
     flags = mavlink.EKF_UNINITIALIZED
-    if flight.estimator.attitude_ok:
-        flags = EKF_FLAGS_WITH_POSITION if flight.position_ok else EKF_FLAGS_WITHOUT_POSITION
+    if estimator.attitude_ok:
+        lost = EKF_FLAGS_COASTING if estimator.coasting else EKF_FLAGS_WITHOUT_POSITION
+        flags = EKF_FLAGS_WITH_POSITION if estimator.position_ok else lost
     compass = 1.5 if flight.parameters['SIM_MAG1_FAIL'] else 0.05
     return mavlink.MAVLink_ekf_status_report_message(flags, 0.05, 0.05, 0.05, compass, 0.0)
 

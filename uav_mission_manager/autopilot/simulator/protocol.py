@@ -45,16 +45,13 @@ class SimulatedAutopilot:
         """Begin as after boot."""
         self._boots = self.flight.boots
         self._camera_due = 0.0
-        self._told = self._mode_and_arming()
+        self._told_mode = self.flight.mode
 
     def _notice_reboot(self) -> None:
         if self.flight.boots != self._boots:
             for link in self._links:
                 link.forget()
             self._start()
-
-    def _mode_and_arming(self) -> tuple[int, bool]:
-        return self.flight.mode, self.flight.armed
 
     def step(self, dt: float) -> None:
         """Fly on by `dt` seconds of simulated time and send what is due."""
@@ -63,7 +60,7 @@ class SimulatedAutopilot:
         if self.flight.time < 0.0:
             return
         self._send_texts()
-        self._send_changes()
+        self._send_new_mode()
         for link in self._links:
             for message in link.due(self.flight.time):
                 link.send(MESSAGE_BUILDERS[message](self.flight))
@@ -80,7 +77,7 @@ class SimulatedAutopilot:
             if booted and handler is not None and self._is_for_us(message):
                 handler(self, link, message)
         self._send_texts()
-        self._send_changes()
+        self._send_new_mode()
         self._notice_reboot()
 
     def _is_for_us(self, message: Any) -> bool:
@@ -94,10 +91,10 @@ class SimulatedAutopilot:
                 link.send(mavlink.MAVLink_statustext_message(severity, text.encode()[:50]))
         self.flight.texts.clear()
 
-    def _send_changes(self) -> None:
-        """Send HEARTBEAT at once when mode or arming changed."""
-        if self._told != self._mode_and_arming() and self.flight.boots == self._boots:
-            self._told = self._mode_and_arming()
+    def _send_new_mode(self) -> None:
+        """Send HEARTBEAT at once when the mode changed; arming has to wait for the next one."""
+        if self.flight.mode != self._told_mode and self.flight.boots == self._boots:
+            self._told_mode = self.flight.mode
             for link in self._links:
                 link.send(heartbeat(self.flight))
 
@@ -118,7 +115,6 @@ class SimulatedAutopilot:
         result = commands.execute(
             self.flight, link, message.command, commands.ReceivedCommand.of(message)
         )
-        self._send_texts()
         self._acknowledge(link, message, message.command, result)
 
     def _set_mode(self, link: SimulatedLink, message: Any) -> None:
@@ -128,7 +124,6 @@ class SimulatedAutopilot:
         if custom:
             done = self.flight.set_mode(message.custom_mode)
             result = commands.ACCEPTED if done else commands.FAILED
-        self._send_texts()
         self._acknowledge(link, message, mavlink.MAVLINK_MSG_ID_SET_MODE, result)
 
     def _acknowledge(self, link: SimulatedLink, message: Any, command: int, result: int) -> None:
