@@ -16,7 +16,7 @@ from nav_msgs.msg import Odometry
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from ros_helpers import ROOT, Ros
 from sensor_msgs.msg import BatteryState, NavSatFix
-from std_msgs.msg import String
+from std_msgs.msg import String, UInt8MultiArray
 
 from uav_mission_manager.mdp import load_mission
 from uav_mission_manager.nodes import qos
@@ -29,7 +29,7 @@ SERVICE = GRID.position(GRID.service)
 
 
 class Crew:
-    """The bridge, and a manager that repeats `command`, with `pose` where it says one."""
+    """The bridge, and a manager that repeats `command`, `pose` and `wanted`, if not None."""
 
     def __init__(self, ros: Ros, allow_arming: bool = True, **parameters: object) -> None:
         self.ros = ros
@@ -50,6 +50,8 @@ class Crew:
         self.bridge = ros.start('nodes.mavlink_bridge', '--ros-args', *arguments)
         self.command: str | None = None
         self.pose: tuple[float, float] | None = None
+        self.wanted: list[int] | None = [1, 1, 1]
+        self._goals = ros.node.create_publisher(UInt8MultiArray, 'goal_states', qos.LATCHED)
         self._poses = ros.node.create_publisher(PoseStamped, 'command_pose', qos.LATCHED)
         self._commands = ros.node.create_publisher(String, 'mission_command', qos.LATCHED)
         ros.node.create_timer(0.2, self._repeat)
@@ -58,6 +60,7 @@ class Crew:
         self.fixes = ros.listen('global_position', NavSatFix, qos.SENSOR)
         self.faults = ros.listen('fault_mode', String, qos.STATE_IN)
         self.completed = ros.listen('goal_completed', String, qos.EVENT)
+        self.refused = ros.listen('goal_refused', String, qos.EVENT)
         self.diagnostics = ros.listen('/diagnostics', DiagnosticArray, qos.RELIABLE)
 
     def _repeat(self) -> None:
@@ -66,6 +69,8 @@ class Crew:
             message.header.frame_id = 'map'
             message.pose.position.x, message.pose.position.y = self.pose
             self._poses.publish(message)
+        if self.wanted is not None:
+            self._goals.publish(UInt8MultiArray(data=self.wanted))
         if self.command is not None:
             self._commands.publish(String(data=self.command))
 
@@ -172,7 +177,9 @@ class Dummy(Crew):
             mavlink.MAVLink_gps_raw_int_message(0, 3, *[0] * 8),
             mavlink.MAVLink_ekf_status_report_message(831, *[0] * 5),
             mavlink.MAVLink_extended_sys_state_message(0, self.landed),
-            mavlink.MAVLink_global_position_int_message(0, *position, *[0] * 5, 65535),
+            mavlink.MAVLink_global_position_int_message(
+                0, *position, round(GRID.origin.altitude * 1e3), *[0] * 4, 65535
+            ),
         ):
             if message.get_type() not in self.mute:
                 try:
@@ -399,8 +406,8 @@ def test_hold_and_resume_say_so_where_they_can_do_nothing(dummy, ros):
     assert 'no heartbeat of the autopilot' in answer.message
     flight.armed, flight.landed = True, 2
     flight.mute = {'GLOBAL_POSITION_INT'}
-    flight.until_phase('holding')
-    assert 'no position to hold' in flight.status.message
+    flight.until(lambda: 'not heard yet: position' in flight.status.message, 'a word about it')
+    assert flight.status.level == DiagnosticStatus.WARN
     answer = ros.call('mavlink_bridge/hold')
     assert not answer.success
     assert 'no position to hold' in answer.message

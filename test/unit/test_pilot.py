@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 
@@ -12,7 +13,10 @@ from uav_mission_manager.autopilot.vehicle import Arm, FlightMode, Fly, SetMode,
 
 LATITUDE, LONGITUDE = -35.363262, 149.165237
 PER_DEGREE = math.radians(6371000.0)
+GROUND = 584.0
 SETTINGS = Settings(allow_arming=True)
+UP = GROUND + SETTINGS.flight_altitude
+HEARD = dict.fromkeys(('HEARTBEAT', 'GLOBAL_POSITION_INT', 'EXTENDED_SYS_STATE'), 0.0)
 
 
 def place(east: float = 0.0, north: float = 0.0) -> tuple[float, float]:
@@ -20,31 +24,38 @@ def place(east: float = 0.0, north: float = 0.0) -> tuple[float, float]:
     return LATITUDE + north / PER_DEGREE, LONGITUDE + east / per_longitude
 
 
-HOME = FlightTask('none normal', *place(), land=True)
-HOVER = FlightTask('none agile', *place(), agile=True)
-COMMIT = FlightTask('commit goal1 normal', *place(100.0), goal='goal1')
+HOME = FlightTask('none normal', *place(), UP, UP, land=True)
+HOVER = FlightTask('none agile', *place(), UP, UP, agile=True)
+COMMIT = FlightTask('commit goal1 normal', *place(100.0), UP, UP, goal='goal1')
 AGILE = replace(COMMIT, text='commit goal1 agile', agile=True)
-OTHER = FlightTask('commit goal2 normal', *place(0.0, -100.0), goal='goal2')
-RECHARGE = FlightTask('recharge', *place(50.0), land=True)
-REPAIR = FlightTask('repair', *place(50.0), land=True, service=True)
+OTHER = FlightTask('commit goal2 normal', *place(0.0, -100.0), UP, UP, goal='goal2')
+RECHARGE = FlightTask('recharge', *place(50.0), UP, UP, land=True)
+REPAIR = FlightTask('repair', *place(50.0), UP, UP, land=True, service=True)
 
 
 class Flight:
     """A pilot, the vehicle it sees and the time; the manager repeats its command at 1 Hz."""
 
     def __init__(self, settings: Settings = SETTINGS, **telemetry) -> None:
-        self.pilot = Pilot(settings)
+        self.pilot = Pilot(settings, lambda latitude, longitude: GROUND)
+        self.pilot.goals_wanted = True
         self.settings = settings
         self.now = 100.0
         self.task: FlightTask | None = None
-        self.east = self.north = self.height = self.climb = 0.0
+        self.east = self.north = self.height = self.climb = self.speed = 0.0
         self.telemetry = replace(
             Telemetry(
-                mode=FlightMode.STABILIZE, landed=True, ready=True, unhealthy=0, ekf_flags=831
+                mode=FlightMode.STABILIZE,
+                landed=True,
+                ready=True,
+                unhealthy=0,
+                ekf_flags=831,
+                received=HEARD,
             ),
             **telemetry,
         )
         self.position = True
+        self.home = 0.0
 
     def at(self, east: float, north: float = 0.0, height: float = 20.0) -> Flight:
         self.east, self.north, self.height = east, north, height
@@ -74,7 +85,11 @@ class Flight:
     def silent_step(self, seconds: float = 0.05):
         self.now += seconds
         position = Position(
-            self.now, *place(self.east, self.north), 584.0, self.height, (0.0, 0.0, self.climb)
+            self.now,
+            *place(self.east, self.north),
+            GROUND + self.height,
+            self.height - self.home,
+            (0.0, self.speed, self.climb),
         )
         return self.pilot.update(
             replace(self.telemetry, position=position if self.position else None), self.now
@@ -91,7 +106,7 @@ class Flight:
 
 
 def fly_to(task: FlightTask, speed: float = SETTINGS.cruise_speed) -> Fly:
-    return Fly(task.latitude, task.longitude, SETTINGS.flight_altitude, speed)
+    return Fly(task.latitude, task.longitude, UP, speed)
 
 
 # A flight, phase by phase
@@ -129,9 +144,14 @@ def test_from_the_ground_guided_then_arm_then_take_off_then_go():
     ids=['mode', 'arm', 'take-off'],
 )
 def test_a_request_is_repeated_until_telemetry_shows_it_done(telemetry):
-    requests, _, _ = Flight(**telemetry).order(COMMIT).run(6.0)
-    assert len(set(requests)) == 1
-    assert 3 <= len(requests) <= 4
+    flight = Flight(**telemetry).order(COMMIT)
+    seconds, times = 0.0, []
+    while len(times) < 7:
+        seconds += 0.05
+        requests, _, _ = flight.run(0.05)
+        times += [seconds] * len(requests)
+    pauses = [later - sooner for sooner, later in pairwise(times)]
+    assert pauses == pytest.approx([2.0, 4.0, 8.0, 16.0, 30.0, 30.0], abs=0.2)
 
 
 def test_refused_arming_is_repeated_and_never_skipped():
@@ -186,13 +206,13 @@ def test_far_from_its_destination_it_stays_on_the_ground_and_doubts_the_mission(
     assert flight.at(200.0, height=0.0).step().phase is not Phase.HOLDING
 
 
-def test_far_from_its_destination_it_holds_in_the_air():
+def test_far_from_its_destination_it_orders_nothing_in_the_air():
     flight = Flight(MISSION).order(COMMIT).airborne(9100.0)
-    here = Fly(*place(9100.0), 20.0, SETTINGS.cruise_speed)
-    requests, _, step = flight.run(1.0)
-    requests += flight.at(9102.0).run(20.0)[0]
-    assert (step.phase, set(requests)) == (Phase.HOLDING, {here})
-    assert step.status == 'commit goal1 normal: 9.0 km away; is it the right mission file?'
+    requests, _, step = flight.run(20.0)
+    assert (step.phase, requests) == (Phase.HOLDING, [])
+    assert step.status.startswith(
+        'commit goal1 normal: 9.0 km away; is it the right mission file?; no position to hold'
+    )
 
 
 def test_commit_dwells_and_completes_once():
@@ -264,6 +284,11 @@ def test_landing_is_broken_off_for_a_new_destination():
     flight.set(mode=FlightMode.LAND).at(0.0, height=8.0).step()
     assert flight.order(COMMIT).step().requests == (SetMode(FlightMode.GUIDED),)
     step = flight.set(mode=FlightMode.GUIDED).step()
+    climb = Fly(*place(), UP, SETTINGS.cruise_speed)
+    assert (step.phase, step.requests) == (Phase.CLIMBING, (climb,))
+    flight.at(0.4, height=18.5).step()
+    assert flight.step().phase is Phase.CLIMBING
+    step = flight.at(0.4, height=19.5).step()
     assert (step.phase, step.requests) == (Phase.EN_ROUTE, (fly_to(COMMIT),))
     flight.order(HOME).step()
     flight.set(mode=FlightMode.LAND).step()
@@ -494,7 +519,7 @@ def test_hold_stays_where_it_was_called_until_resume():
     flight = Flight().order(COMMIT).airborne(50.0)
     flight.step()
     flight.pilot.hold()
-    here = Fly(*place(50.0), 20.0, SETTINGS.cruise_speed)
+    here = Fly(*place(50.0), UP, SETTINGS.cruise_speed)
     step = flight.step()
     assert (step.phase, step.requests) == (Phase.HOLDING, (here,))
     requests, _, step = flight.at(55.0).order(OTHER).run(30.0)
@@ -502,7 +527,7 @@ def test_hold_stays_where_it_was_called_until_resume():
     flight.pilot.resume(flight.now)
     assert flight.step().requests == (fly_to(OTHER),)
     flight.pilot.hold()
-    assert flight.step().requests == (Fly(*place(55.0), 20.0, SETTINGS.cruise_speed),)
+    assert flight.step().requests == (Fly(*place(55.0), UP, SETTINGS.cruise_speed),)
 
 
 def test_a_hold_interrupts_the_dwell():
@@ -528,7 +553,7 @@ def test_a_climb_ended_by_a_hold_is_not_waited_for():
     flight.pilot.hold()
     flight.run(1.0)
     flight.pilot.resume(flight.now)
-    assert flight.step().requests == (fly_to(COMMIT),)
+    assert flight.step().requests == (Fly(*place(), UP, SETTINGS.cruise_speed),)
 
 
 def test_a_climb_ended_by_a_pilot_is_not_waited_for():
@@ -536,7 +561,8 @@ def test_a_climb_ended_by_a_pilot_is_not_waited_for():
     flight.set(mode=FlightMode.LOITER).step()
     flight.pilot.resume(flight.now)
     flight.step()
-    assert flight.set(mode=FlightMode.GUIDED).step().requests == (fly_to(COMMIT),)
+    step = flight.set(mode=FlightMode.GUIDED).step()
+    assert step.requests == (Fly(*place(), UP, SETTINGS.cruise_speed),)
 
 
 def test_hold_ends_a_return_to_launch():
@@ -555,7 +581,7 @@ def test_hold_breaks_off_a_landing_at_a_safe_height():
     flight.pilot.hold()
     assert flight.step().requests == (SetMode(FlightMode.GUIDED),)
     assert flight.set(mode=FlightMode.GUIDED).step().requests == (
-        Fly(*place(), 3.0, SETTINGS.cruise_speed),
+        Fly(*place(), GROUND + 3.0, SETTINGS.cruise_speed),
     )
 
 
@@ -614,16 +640,20 @@ def test_silence_holds_then_returns_to_launch_and_flies_it_to_the_end():
     assert (step.phase, requests) == (Phase.EN_ROUTE, [])
     requests, step = silence(flight, 9.9)
     assert step.phase is Phase.HOLDING
-    assert set(requests) == {Fly(*place(50.0), 20.0, SETTINGS.cruise_speed)}
+    assert set(requests) == {Fly(*place(50.0), UP, SETTINGS.cruise_speed)}
     requests, step = silence(flight, 1.0)
     assert (step.phase, requests) == (Phase.RETURNING, [SetMode(FlightMode.RTL)])
     flight.set(mode=FlightMode.RTL)
     requests, _, step = flight.run(30.0)
     assert (step.phase, requests) == (Phase.RETURNING, []), 'the manager is back too late'
     flight.set(armed=False, landed=True).at(0.0, height=0.0)
-    assert flight.step().requests == (SetMode(FlightMode.GUIDED),), (
-        'landed: the manager is heard again'
+    requests, _, step = flight.run(30.0)
+    assert (step.phase, requests) == (Phase.HOLDING, []), 'nobody expects a take-off now'
+    assert step.status == (
+        'on the ground until ~/resume; returned to launch: the manager is silent'
     )
+    flight.pilot.resume(flight.now)
+    assert flight.step().requests == (SetMode(FlightMode.GUIDED),)
     flight.set(mode=FlightMode.GUIDED).step()
     assert flight.set(armed=True).step().requests == (TakeOff(20.0),)
 
@@ -641,7 +671,7 @@ def test_found_flying_without_a_manager_it_holds_then_returns():
     requests, step = silence(flight, 12.9)
     assert (step.phase, requests[0]) == (
         Phase.HOLDING,
-        Fly(*place(50.0), 20.0, SETTINGS.cruise_speed),
+        Fly(*place(50.0), UP, SETTINGS.cruise_speed),
     )
     requests, step = silence(flight, 0.3)
     assert (step.phase, requests) == (Phase.RETURNING, [SetMode(FlightMode.RTL)])
@@ -676,7 +706,7 @@ def test_a_resumed_vehicle_holds_where_it_is_until_the_manager_is_heard():
     flight.pilot.resume(flight.now)
     silence(flight, 0.1)
     requests, _ = silence(flight.set(mode=FlightMode.GUIDED), 0.1)
-    assert requests == [Fly(*place(80.0), 20.0, SETTINGS.cruise_speed)]
+    assert requests == [Fly(*place(80.0), UP, SETTINGS.cruise_speed)]
 
 
 def test_silence_lets_motors_that_a_human_started_idle_on_the_ground():
@@ -688,7 +718,7 @@ def test_silence_lets_motors_that_a_human_started_idle_on_the_ground():
 
 def test_a_return_that_is_not_flown_is_asked_for_again():
     flight = Flight().order(COMMIT).airborne(50.0)
-    requests, _ = silence(flight, 19.0)
+    requests, _ = silence(flight, 21.0)
     assert requests.count(SetMode(FlightMode.RTL)) == 3
 
 
@@ -733,3 +763,241 @@ def test_a_hold_outlasts_a_silent_manager():
     requests, step = silence(flight, 60.0)
     assert step.phase is Phase.HOLDING
     assert all(isinstance(request, Fly) for request in requests)
+
+
+# On the ground, a reason to fly
+
+
+@pytest.mark.parametrize('task', [COMMIT, HOME, RECHARGE, REPAIR])
+@pytest.mark.parametrize('telemetry', [{}, {'mode': FlightMode.GUIDED}], ids=['by hand', 'guided'])
+def test_without_a_wanted_goal_it_stays_on_the_ground(task, telemetry):
+    flight = Flight(**telemetry).at(-60.0, height=0.0).order(task)
+    flight.pilot.goals_wanted = False
+    requests, _, step = flight.run(60.0)
+    assert (step.phase, requests) == (Phase.GROUND, [])
+    assert step.status == f'{task.text}: stays on the ground, for no goal is wanted'
+    flight.pilot.goals_wanted = True
+    assert flight.step().requests
+
+
+def test_after_a_service_it_stays_if_no_goal_is_wanted():
+    flight = Flight(mode=FlightMode.LAND).at(50.0, height=0.0).order(REPAIR)
+    flight.pilot.goals_wanted = False
+    _, _, step = flight.run(SETTINGS.service_time - 0.1)
+    serviced = [flight.step().serviced for _ in range(10)]
+    assert any(serviced)
+    requests, _, step = flight.order(HOME).run(60.0)
+    assert (step.phase, requests) == (Phase.GROUND, [])
+
+
+def test_motors_started_here_are_stopped_when_no_goal_is_wanted_any_more():
+    flight = Flight(mode=FlightMode.GUIDED).order(COMMIT)
+    flight.step()
+    flight.set(armed=True)
+    flight.pilot.goals_wanted = False
+    assert flight.step().requests == (SetMode(FlightMode.LAND),)
+
+
+@pytest.mark.parametrize(('task', 'flies'), [(COMMIT, True), (REPAIR, False), (HOME, False)])
+def test_where_nobody_says_what_is_wanted_a_commitment_says_it(task, flies):
+    flight = Flight(mode=FlightMode.GUIDED).at(-60.0, height=0.0).order(task)
+    flight.pilot.goals_wanted = None
+    assert bool(flight.step().requests) is flies
+
+
+# What is not known
+
+
+@pytest.mark.parametrize('kind', HEARD)
+def test_nothing_is_ordered_before_all_is_heard(kind):
+    flight = Flight().order(COMMIT).airborne(50.0)
+    flight.pilot.update(None, flight.now)
+    flight.set(received={heard: 0.0 for heard in HEARD if heard != kind})
+    requests, _, step = flight.run(60.0)
+    assert (step.phase, requests) == (Phase.WAITING, [])
+    assert step.status.startswith('not heard yet: ')
+    assert flight.set(received=HEARD).step().requests == (fly_to(COMMIT),)
+
+
+def test_a_manager_silent_while_the_vehicle_is_heard_anew_is_awaited_anew():
+    flight = Flight().order(COMMIT).airborne(50.0)
+    flight.step()
+    flight.set(received={})
+    silence(flight, 60.0)
+    flight.set(received=HEARD)
+    requests, step = silence(flight, 12.0)
+    assert step.phase is Phase.HOLDING
+    assert SetMode(FlightMode.RTL) not in requests
+
+
+def test_in_the_air_unknown_is_not_on_the_ground():
+    flight = Flight().order(HOME).airborne(50.0)
+    flight.step()
+    flight.position = False
+    requests, _, step = flight.set(landed=None).run(10.0)
+    assert (step.phase, requests) == (Phase.WAITING, [])
+    flight.pilot.hold()
+    assert flight.run(10.0)[0] == []
+
+
+# Failsafes
+
+
+def test_a_failsafe_that_leaves_the_mode_is_no_takeover():
+    flight = Flight().order(COMMIT).airborne(50.0)
+    flight.step()
+    flight.set(failsafe=True)
+    assert flight.run(10.0)[2].phase is Phase.EN_ROUTE
+    assert flight.order(RECHARGE).step().phase is Phase.LANDING
+    flight.set(mode=FlightMode.LAND).run(10.0)
+    assert flight.set(failsafe=False).run(10.0)[2].phase is Phase.LANDING
+
+
+# How it flies
+
+
+@pytest.mark.parametrize('height', [1.7, 4.4, 17.9])
+def test_it_climbs_before_it_moves_sideways(height):
+    flight = Flight().order(COMMIT).airborne().at(3.5, height=height)
+    step = flight.step()
+    climb = Fly(*place(3.5), UP, SETTINGS.cruise_speed)
+    assert (step.phase, step.requests) == (Phase.CLIMBING, (climb,))
+    flight.at(5.0, height=18.9).run(3.0)
+    requests, _, step = flight.run(6.0)
+    assert (step.phase, set(requests)) == (Phase.CLIMBING, {climb}), 'where it began to climb'
+    assert flight.at(5.0, height=19.1).step().requests == (fly_to(COMMIT),)
+
+
+def test_a_goal_counts_at_its_height():
+    flight = Flight().order(COMMIT).airborne().at(100.0, height=39.0)
+    requests, completed, step = flight.run(20.0)
+    assert (step.phase, completed) == (Phase.EN_ROUTE, [])
+    assert set(requests) == {fly_to(COMMIT)}
+    assert flight.at(100.0, height=21.9).run(3.0)[1] == ['goal1']
+
+
+def test_on_hilly_ground_it_travels_high_and_completes_low():
+    flight = Flight().order(replace(COMMIT, altitude=UP, cruise_altitude=UP + 30.0)).airborne()
+    assert flight.at(0.0, height=20.0).step().phase is Phase.CLIMBING
+    step = flight.at(0.0, height=50.0).step()
+    assert step.requests == (replace(fly_to(COMMIT), altitude=UP + 30.0),)
+    step = flight.at(100.0, height=50.0).step()
+    assert (step.requests, step.completed) == ((fly_to(COMMIT),), '')
+    assert flight.at(100.0, height=20.0).run(3.0)[1] == ['goal1']
+
+
+@pytest.mark.parametrize(('error', 'word'), [(15.0, 'above'), (-15.0, 'below')])
+def test_where_it_stands_must_agree_with_the_mission_file(error, word):
+    flight = Flight(mode=FlightMode.GUIDED).at(0.0, height=error).order(COMMIT)
+    requests, _, step = flight.run(10.0)
+    assert (step.phase, requests) == (Phase.HOLDING, [])
+    assert f'the vehicle is 15 m {word} the mission' in step.status
+    assert flight.at(0.0, height=math.copysign(9.0, error)).step().requests == (Arm(),)
+
+
+def test_home_must_agree_with_the_mission_file_and_take_off_ends_at_its_altitude():
+    def take_off(home: float):
+        flight = Flight(mode=FlightMode.GUIDED).order(COMMIT)
+        flight.step()
+        flight.home = home
+        return flight.set(armed=True).step()
+
+    assert take_off(3.0).requests == (TakeOff(17.0),)
+    step = take_off(-20.0)
+    assert (step.phase, step.requests) == (Phase.HOLDING, (SetMode(FlightMode.LAND),))
+    assert 'home is 20 m below the mission' in step.status
+
+
+def test_too_fast_it_is_told_its_speed_again():
+    flight = Flight().order(COMMIT).airborne(20.0)
+    flight.step()
+    flight.speed = 5.4
+    assert flight.run(4.5)[0] == []
+    flight.step(1.0)
+    flight.speed = 5.6
+    assert flight.run(3.5)[0] == [fly_to(COMMIT)]
+
+
+def test_a_bad_position_is_not_held():
+    flight = Flight().order(COMMIT).airborne(50.0)
+    flight.step()
+    flight.pilot.hold()
+    flight.step()
+    flight.position = False
+    flight.run(1.0)
+    flight.position = True
+    requests, _, _ = flight.at(86.0).run(10.0)
+    assert set(requests) == {Fly(*place(86.0), UP, SETTINGS.cruise_speed)}
+
+
+# What is refused
+
+
+def refuse(flight: Flight, times: int):
+    for _ in range(times):
+        flight.pilot.answered(Fly, False, 'FAILED: outside the fence')
+
+
+def test_a_refused_flight_makes_its_goal_out_of_reach():
+    flight = Flight().order(COMMIT).airborne(50.0)
+    flight.step()
+    refuse(flight, 1)
+    step = flight.step()
+    assert (step.phase, step.refused) == (Phase.EN_ROUTE, '')
+    refuse(flight, 1)
+    step = flight.step()
+    assert (step.phase, step.refused, step.losing_ground) == (Phase.BLOCKED, 'goal1', False)
+    assert step.status == 'commit goal1 normal: FAILED: outside the fence'
+    assert flight.step().refused == '', 'said once'
+    step = flight.order(OTHER).step()
+    assert (step.phase, step.requests) == (Phase.EN_ROUTE, (fly_to(OTHER),))
+
+
+def test_a_refused_flight_is_asked_for_with_growing_pauses():
+    flight = Flight(replace(SETTINGS, progress_timeout=1000.0)).order(COMMIT).airborne(50.0)
+    pauses, seconds = [], 0.0
+    flight.step()
+    while len(pauses) < 6:
+        refuse(flight, 1)
+        while not flight.step().requests:
+            seconds += 0.05
+        pauses, seconds = [*pauses, seconds + 0.05], 0.0
+    assert pauses == pytest.approx([2.0, 4.0, 8.0, 16.0, 30.0, 30.0], abs=0.2)
+
+
+def test_an_accepted_flight_takes_the_refusals_back():
+    flight = Flight().order(COMMIT).airborne(50.0)
+    flight.step()
+    refuse(flight, 2)
+    assert flight.step().phase is Phase.BLOCKED
+    flight.pilot.answered(Fly, True, '')
+    assert flight.step().phase is Phase.EN_ROUTE
+
+
+def test_no_progress_makes_a_goal_out_of_reach_and_in_the_end_it_returns():
+    flight = Flight().order(COMMIT).airborne(50.0)
+    for step in range(200):  # It swings in the wind.
+        flight.at(50.0 + step % 2 * 0.9).run(0.1)
+    flight.run(9.0)
+    assert flight.step().phase is Phase.EN_ROUTE
+    outputs = [flight.step() for _ in range(60)]
+    assert [output.refused for output in outputs if output.refused] == ['goal1']
+    assert outputs[-1].phase is Phase.BLOCKED
+    assert outputs[-1].status == 'commit goal1 normal: no nearer for 30 s'
+    requests, _, step = flight.run(31.0)
+    assert step.phase is Phase.RETURNING
+    assert requests[-1] == SetMode(FlightMode.RTL)
+
+
+def test_carried_away_no_goal_is_within_reach():
+    flight = Flight().order(COMMIT).airborne(50.0)
+    flight.step()
+    flight.at(20.0)
+    outputs = [flight.step() for _ in range(700)]
+    assert [output.losing_ground for output in outputs if output.refused] == [True]
+
+
+def test_slow_progress_is_progress():
+    flight = Flight().order(COMMIT).airborne(0.0)
+    for metre in range(80):
+        assert flight.at(metre * 1.1).run(20.0)[2].phase is Phase.EN_ROUTE

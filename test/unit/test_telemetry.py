@@ -47,9 +47,9 @@ def heartbeat(base_mode=81, mode=4, state=3, kind=mavlink.MAV_TYPE_QUADROTOR):
     )
 
 
-def global_position(lat=-353632620, lon=1491652370, heading=9000):
+def global_position(lat=-353632620, lon=1491652370, heading=9000, time=0):
     return mavlink.MAVLink_global_position_int_message(
-        0, lat, lon, 604500, 20500, 300, 400, -100, heading
+        time, lat, lon, 604500, 20500, 300, 400, -100, heading
     )
 
 
@@ -150,8 +150,75 @@ def test_a_position_to_fly_by_is_recent_and_absolute():
     telemetry = decode(global_position())
     assert telemetry.fix(8.9) is telemetry.position
     assert telemetry.fix(9.1) is None
-    assert decode(global_position(), ekf(831)).fix(7.0) is not None
-    assert decode(global_position(), ekf(167)).fix(7.0) is None
+    assert decode(global_position(), ekf(831)).fix(8.0) is not None
+    assert decode(global_position(), ekf(167)).fix(8.0) is None
+
+
+def track(*places, start=7.0, telemetry=None):
+    """Positions at 10 Hz, each so many degrees north; the vehicle's clock agrees."""
+    telemetry = telemetry or Telemetry()
+    for step, north in enumerate(places):
+        now = start + 0.1 * step
+        message = global_position(lat=-353632620 + round(north * 1e7), time=round(now * 1e3))
+        telemetry = update(telemetry, message, now)
+    return telemetry
+
+
+def test_a_position_is_flown_by_when_it_has_settled_for_a_second():
+    telemetry = track(*[0.0] * 10)
+    assert telemetry.fix(7.95) is None
+    telemetry = track(0.0, 0.0, start=8.0, telemetry=telemetry)
+    assert telemetry.fix(8.1) is telemetry.position
+
+
+@pytest.mark.parametrize('jump', [0.02, 0.0005], ids=['2.2 km', '55 m'])
+def test_a_jump_is_not_flown_by_nor_is_what_follows_it_for_a_second(jump):
+    telemetry = track(*[0.0] * 20)
+    assert telemetry.fix(8.9) is not None
+    assert track(jump, start=9.0, telemetry=telemetry).fix(9.0) is None
+    telemetry = track(jump, *[0.0] * 10, start=9.0, telemetry=telemetry)
+    assert telemetry.fix(10.0) is None
+    assert track(0.0, 0.0, start=10.1, telemetry=telemetry).fix(10.2) is not None
+
+
+def test_fast_flight_is_no_jump_at_any_speed_up():
+    places = [4e-5 * step for step in range(30)]  # 44 m/s
+    telemetry = Telemetry()
+    for step, north in enumerate(places):
+        message = global_position(lat=round(north * 1e7) + 1, time=100 * step)
+        telemetry = update(telemetry, message, 7.0 + 0.01 * step)
+    assert telemetry.settled_at == 8.0
+
+
+def test_nothing_heard_is_not_on_the_ground():
+    assert Telemetry().on_ground is None
+    assert Telemetry().unheard == 'mode, position, landed state'
+    telemetry = decode(heartbeat(217))
+    assert telemetry.on_ground is None
+    assert telemetry.unheard == 'position, landed state'
+    landed = mavlink.MAVLink_extended_sys_state_message(0, 2)
+    telemetry = decode(heartbeat(217), global_position(), landed)
+    assert (telemetry.on_ground, telemetry.unheard) == (False, '')
+
+
+def battery_status(number, percent, state=mavlink.MAV_BATTERY_CHARGE_STATE_OK):
+    return mavlink.MAVLink_battery_status_message(
+        number, 0, 0, 32767, [12000] + [65535] * 9, -1, -1, -1, percent, 0, state
+    )
+
+
+def test_the_worst_battery_counts():
+    def worst(*messages):
+        return decode(sys_status(80), *messages).worst_battery
+
+    assert worst(battery_status(0, 80)).charge == 0.8
+    assert worst(battery_status(0, 80), battery_status(1, 4)).charge == 0.04
+    assert worst(battery_status(0, 80), battery_status(1, -1)).charge == 0.8
+    assert worst(battery_status(1, 90)).healthy
+    low = mavlink.MAV_BATTERY_CHARGE_STATE_LOW
+    assert not worst(battery_status(0, 80), battery_status(1, 90, low)).healthy
+    assert decode(battery_status(0, 80)).worst_battery is None
+    assert forget(decode(sys_status(80), battery_status(1, 4)), 12.1).batteries == {}
 
 
 def test_what_is_not_said_again_is_forgotten():
@@ -168,8 +235,8 @@ def test_what_is_not_said_again_is_forgotten():
 
 def test_distance():
     position = Position(0.0, -35.363262, 149.165237, 584.0, 0.0)
-    assert position.distance_to(-35.363262 + 1e-3, 149.165237) == pytest.approx(111.2, abs=0.1)
-    assert position.distance_to(-35.363262, 149.165237 + 1e-3) == pytest.approx(90.7, abs=0.1)
+    assert position.distance_to(-35.363262 + 1e-3, 149.165237) == pytest.approx(110.95, abs=0.01)
+    assert position.distance_to(-35.363262, 149.165237 + 1e-3) == pytest.approx(90.88, abs=0.01)
 
 
 def test_motors_of_the_main_outputs():

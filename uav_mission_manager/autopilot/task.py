@@ -16,11 +16,13 @@ class Phase(Enum):
     GROUND = 'on the ground'
     ARMING = 'arming'
     TAKE_OFF = 'take-off'
+    CLIMBING = 'climbing'
     EN_ROUTE = 'en route'
     ON_SITE = 'on site'
     LANDING = 'landing'
     HOLDING = 'holding'
     RETURNING = 'returning to launch'
+    BLOCKED = 'blocked'
     WAITING = 'waiting'
     PILOT = 'pilot in command'
 
@@ -33,6 +35,8 @@ class FlightTask:
     ----------
     text : str
         The command as received.
+    altitude, cruise_altitude : float
+        Above mean sea level [m]: there, and on the way.
     goal : str
         Goal to complete there, '' for none.
     land : bool
@@ -44,6 +48,8 @@ class FlightTask:
     text: str
     latitude: float
     longitude: float
+    altitude: float
+    cruise_altitude: float
     agile: bool = False
     goal: str = ''
     land: bool = False
@@ -57,7 +63,7 @@ class Settings:
     Attributes
     ----------
     flight_altitude : float
-        Above home [m].
+        Above the ground of the mission file [m].
     cruise_speed, agile_speed : float
         In normal and agile mode [m/s].
     acceptance_radius : float
@@ -74,6 +80,11 @@ class Settings:
         Time of holding until it returns to launch [s].
     service_time : float
         Time landed in the service cell until a repair is done [s].
+    progress_timeout : float
+        Time without getting nearer to a destination until it counts as out of reach [s].
+    datum_tolerance : float
+        How far [m] the vehicle may stand above or below the ground of the mission file, to take
+        off: beyond, one of the two altitudes is wrong.
     allow_arming : bool
         Whether it may be armed and take off.
     """
@@ -88,7 +99,14 @@ class Settings:
     manager_timeout: float = 3.0
     rtl_delay: float = 10.0
     service_time: float = 5.0
+    progress_timeout: float = 30.0
+    datum_tolerance: float = 10.0
     allow_arming: bool = False
+
+    @property
+    def height_tolerance(self) -> float:
+        """How far [m] above or below its altitude the vehicle is still at it: a choice."""
+        return min(2.0, self.flight_altitude / 4.0)
 
 
 @dataclass(frozen=True)
@@ -106,6 +124,10 @@ class PilotOutput:
         The goal that has just been completed, '' for none.
     serviced : bool
         Whether a repair has just been done.
+    refused : str
+        The goal that has just been found out of reach, '' for none.
+    losing_ground : bool
+        Whether the vehicle is being carried away, so that no goal is within reach.
     """
 
     phase: Phase
@@ -113,6 +135,8 @@ class PilotOutput:
     requests: tuple[Request, ...] = ()
     completed: str = ''
     serviced: bool = False
+    refused: str = ''
+    losing_ground: bool = False
 
 
 NO_HEARTBEAT = PilotOutput(Phase.NO_LINK, 'no heartbeat of the autopilot')

@@ -52,11 +52,11 @@ class TakeOff:
 
 @dataclass(frozen=True)
 class Fly:
-    """Fly to a point [deg] at a height above home [m] and a speed [m/s], and stay there."""
+    """Fly to a point [deg], an altitude above sea level [m], at a speed [m/s], and stay there."""
 
     latitude: float
     longitude: float
-    height: float
+    altitude: float
     speed: float
 
 
@@ -64,10 +64,20 @@ Request = SetMode | Arm | TakeOff | Fly
 """What may be asked of the vehicle."""
 
 
+REQUESTED_BY: dict[int, type[Request]] = {
+    mavlink.MAV_CMD_DO_SET_MODE: SetMode,
+    mavlink.MAV_CMD_COMPONENT_ARM_DISARM: Arm,
+    mavlink.MAV_CMD_NAV_TAKEOFF: TakeOff,
+    mavlink.MAV_CMD_DO_REPOSITION: Fly,
+}
+"""Kind of request by the command that decides whether it is taken."""
+
+
 def commands(request: Request) -> tuple[MavCommand, ...]:
-    """Return the commands of a request, in the order to send them.
+    """Return the commands of a request, each to be sent when the one before was accepted.
 
     None of them changes the mode but SetMode: nothing else may take the vehicle from a pilot.
+    The speed comes after the destination, for ArduCopter forgets it when it starts to fly to one.
     """
     if isinstance(request, SetMode):
         return (
@@ -80,13 +90,13 @@ def commands(request: Request) -> tuple[MavCommand, ...]:
         return (MavCommand(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1, 0, 0, 0, 0, 0, 0)),)
     if isinstance(request, TakeOff):
         return (MavCommand(mavlink.MAV_CMD_NAV_TAKEOFF, (0, 0, 0, 0, 0, 0, request.height)),)
+    reposition = MavCommand(
+        mavlink.MAV_CMD_DO_REPOSITION,
+        (-1, 0, 0, math.nan, request.latitude, request.longitude, request.altitude),
+        frame=mavlink.MAV_FRAME_GLOBAL_INT,
+    )
     speed = MavCommand(
         mavlink.MAV_CMD_DO_CHANGE_SPEED,
         (mavlink.SPEED_TYPE_GROUNDSPEED, request.speed, -1, 0, 0, 0, 0),
     )
-    reposition = MavCommand(
-        mavlink.MAV_CMD_DO_REPOSITION,
-        (-1, 0, 0, math.nan, request.latitude, request.longitude, request.height),
-        frame=mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
-    )
-    return speed, reposition
+    return reposition, speed

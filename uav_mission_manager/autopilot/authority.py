@@ -1,0 +1,119 @@
+"""Who is in command of the vehicle: the flight mode says it.
+
+Someone else has taken command when the mode changes to one that was not ordered from here, or when
+the motors stop in GUIDED or in the air. A failsafe that leaves the vehicle in GUIDED takes nothing
+over; one that begins in a landing may be why it goes on. A vehicle that is flown by hand from the
+start is taken over when it is put into GUIDED.
+"""
+
+from __future__ import annotations
+
+import math
+
+from uav_mission_manager.autopilot.telemetry import Telemetry
+from uav_mission_manager.autopilot.vehicle import FlightMode, mode_name
+
+REQUEST_EFFECT_TIME = 5.0
+"""Time [s] after a request within which a change of mode or arming is its effect: a choice."""
+
+AIRBORNE_HEIGHT = 5.0
+"""Height above home [m] from which stopped motors may mean a fall, not a landing: a choice."""
+
+MAX_LANDING_SINK_RATE = 0.5
+"""Descent [m/s] above which a vehicle whose motors stop is falling: that of ArduCopter just before
+touch-down (LAND_SPEED, 50 cm/s by default); a landing ends at rest."""
+
+
+class Authority:
+    """Follows mode and arming; see the module's docstring.
+
+    Attributes
+    ----------
+    taken : str
+        Who else has taken command, and so how; '' for nobody. It stays until `resume`.
+    motors_started_here : bool
+        Whether the motors run because this program asked for it.
+    """
+
+    def __init__(self) -> None:
+        self.taken = ''
+        self.motors_started_here = False
+        self._mode: int | None = None  # the mode in which this program is in command
+        self._ordered: int | None = None  # the mode that it waits for
+        self._ordered_at = self._arm_asked = -math.inf
+        self._adopt = False
+        self._seen: tuple[int | None, bool] = (None, False)
+        self._failsafe_seen = False
+
+    @property
+    def here(self) -> bool:
+        """Whether this program is in command of the vehicle in flight."""
+        return self._mode is not None and not self.taken
+
+    def order(self, mode: FlightMode, present: int | None, now: float) -> None:
+        """Count a change from the present mode to `mode` as ordered from here."""
+        self._mode, self._ordered, self._ordered_at = present, mode, now
+
+    def arm(self, now: float) -> None:
+        """Count motors that start now as started from here."""
+        self._arm_asked = now
+
+    def resume(self) -> None:
+        """Take command again, whatever the mode is."""
+        self.taken, self._adopt = '', True
+
+    def link_lost(self) -> None:
+        """Take nothing over unseen; on the ground the autopilot may reboot meanwhile."""
+        self._adopt = False
+        if not self._seen[1]:
+            self._mode = self._ordered = None
+
+    def watch(self, telemetry: Telemetry, now: float) -> tuple[bool, bool]:
+        """Take note of mode and arming; yield to whoever else changed them.
+
+        Returns
+        -------
+        tuple of bool
+            Whether mode or arming have changed, and whether command was found given here.
+        """
+        if telemetry.armed and not self._seen[1]:
+            self.motors_started_here = now - self._arm_asked < REQUEST_EFFECT_TIME
+            if not self.motors_started_here:  # by hand: not ours until it is put into GUIDED
+                self._mode = self._ordered = None
+        given = self._mode is None and telemetry.armed and telemetry.mode == FlightMode.GUIDED
+        if self._adopt or given or telemetry.mode == self._ordered:
+            self._mode, self._ordered, self._adopt = telemetry.mode, None, False
+        if now - self._ordered_at > REQUEST_EFFECT_TIME:
+            self._ordered = None
+        if not self.taken:
+            self.taken = self._someone_else(telemetry)
+        self.motors_started_here = self.motors_started_here and telemetry.armed
+        changed = self._seen != (telemetry.mode, telemetry.armed)
+        self._seen, self._failsafe_seen = (telemetry.mode, telemetry.armed), telemetry.failsafe
+        return changed, given
+
+    def _someone_else(self, telemetry: Telemetry) -> str:
+        """Say who else is in command, '' for nobody."""
+        if self._mode is not None and telemetry.mode not in (self._mode, self._ordered):
+            failsafe = ', the autopilot is in a failsafe' if telemetry.failsafe else ''
+            return f'{mode_name(telemetry.mode)} was not ordered from here{failsafe}'
+        began = telemetry.armed and telemetry.failsafe and not self._failsafe_seen
+        if began and self._seen[1] and telemetry.mode in (FlightMode.LAND, FlightMode.RTL):
+            return f'the autopilot is in a failsafe ({mode_name(telemetry.mode)})'
+        if self._seen[1] and not telemetry.armed:
+            if telemetry.mode == FlightMode.GUIDED:
+                return 'disarmed, but not from here'
+            return _fallen(telemetry)
+        return ''
+
+
+def _fallen(telemetry: Telemetry) -> str:
+    """Say so if the motors were stopped in the air, '' if the vehicle landed, be it on a hill."""
+    position = telemetry.position
+    if position is None or position.height < AIRBORNE_HEIGHT:
+        return ''
+    landing = (
+        telemetry.mode in (FlightMode.LAND, FlightMode.RTL)
+        and position.velocity[2] > -MAX_LANDING_SINK_RATE
+    )
+    return '' if landing else f'disarmed {position.height:.0f} m above home'

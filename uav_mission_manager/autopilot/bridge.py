@@ -1,0 +1,173 @@
+"""The bridge to one vehicle without ROS: link, telemetry, faults and pilot, stepped together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from uav_mission_manager.autopilot.faults import Fault, FaultEstimator
+from uav_mission_manager.autopilot.link import AutopilotLink
+from uav_mission_manager.autopilot.pilot import NO_POSITION_TO_HOLD, Pilot
+from uav_mission_manager.autopilot.task import NO_HEARTBEAT, Phase, PilotOutput
+from uav_mission_manager.autopilot.telemetry import (
+    BatteryReading,
+    Position,
+    Telemetry,
+    forget,
+    update,
+)
+from uav_mission_manager.autopilot.vehicle import REQUESTED_BY, commands
+
+CAMERA_COMPONENT = 100
+"""MAV_COMP_ID_CAMERA, the component whose heartbeat says that the camera works."""
+
+WARNING_SEVERITY = 4
+"""MAV_SEVERITY_WARNING: texts of this severity or worse (lower numbers) are logged as warnings."""
+
+WARNING_PHASES = (
+    Phase.NO_LINK,
+    Phase.PILOT,
+    Phase.HOLDING,
+    Phase.RETURNING,
+    Phase.BLOCKED,
+    Phase.WAITING,
+)
+"""Phases in which the manager's command is not flown."""
+
+
+@dataclass(frozen=True)
+class BridgeStep:
+    """What a step brought.
+
+    Attributes
+    ----------
+    pilot : PilotOutput
+    battery : BatteryReading or None
+        If heard anew.
+    position : Position or None
+        If heard anew, and to be flown by.
+    fault : Fault or None
+        None while too little is known.
+    log : tuple of (bool, str)
+        What there is to tell; whether it is a warning.
+    """
+
+    pilot: PilotOutput
+    battery: BatteryReading | None
+    position: Position | None
+    fault: Fault | None
+    log: tuple[tuple[bool, str], ...]
+
+
+class VehicleBridge:
+    """Hears the vehicle and flies it; `step` is to be called some 20 times a second."""
+
+    def __init__(self, link: AutopilotLink, pilot: Pilot, faults: FaultEstimator) -> None:
+        self.link, self.pilot, self.faults = link, pilot, faults
+        self.telemetry = Telemetry()
+        self.output: PilotOutput = NO_HEARTBEAT
+        self._said: dict[str, str] = {}
+        self._log: list[tuple[bool, str]] = []
+
+    def step(self, now: float) -> BridgeStep:
+        """Hear what has arrived, decide, and ask of the vehicle what is to be asked."""
+        last = self.telemetry
+        self._hear(now)
+        output = self._fly(now)
+        self.link.repeat(now)
+        self._tell(now)
+        battery, position = self.telemetry.worst_battery, self.telemetry.fix(now)
+        log, self._log = tuple(self._log), []
+        return BridgeStep(
+            output,
+            battery if self.telemetry.battery is not last.battery else None,
+            position if position is not last.position else None,
+            self._judge(now),
+            log,
+        )
+
+    def hold(self, now: float) -> tuple[bool, str]:
+        """Hold until `resume`; return whether it does, and a word about it."""
+        if self.output.phase is Phase.PILOT:
+            return False, self.output.status
+        self.pilot.hold()
+        if not self.link.up:
+            return False, f'{self.output.status}; holds when it is back'
+        if self.telemetry.on_ground is not True and self.telemetry.fix(now) is None:
+            return False, NO_POSITION_TO_HOLD
+        return True, 'holds until ~/resume'
+
+    def resume(self, now: float) -> tuple[bool, str]:
+        """Give command back to the manager; return whether it has it, and what is done now."""
+        if self.output.phase is Phase.NO_LINK:
+            return False, self.output.status
+        self.pilot.resume(now)
+        output = self._fly(now)
+        resumed = output.phase not in (Phase.PILOT, Phase.NO_LINK)
+        return resumed, f'{output.phase.value}: {output.status}'
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What keeps the vehicle from flying as commanded, or may do so soon."""
+        refused = (f'{name} refused: {why}' for name, why in self.link.refused.items())
+        failsafe = self.telemetry.failsafe and self.link.up
+        return (
+            *([self.link.rejected] if self.link.rejected else ()),
+            *(['the autopilot reports a failsafe'] if failsafe else ()),
+            *refused,
+        )
+
+    def _hear(self, now: float) -> None:
+        messages = self.link.poll(now)
+        if self.link.rebooted:
+            self._log.append((True, 'the autopilot has rebooted'))
+            self.faults.rebooted()
+        if self.link.rebooted or not self.link.up:
+            self.telemetry = Telemetry()
+            self.pilot.update(None, now)
+        if not self.link.up:
+            self.faults.link_lost()
+        if not self.link.up or self.link.rebooted:  # What came before it holds no longer.
+            return
+        for message in messages:
+            self.telemetry = update(self.telemetry, message, now)
+            if message.get_type() == 'STATUSTEXT':
+                warning = message.severity <= WARNING_SEVERITY
+                self._log.append((warning, f'autopilot: {message.text}'))
+        self.telemetry = forget(self.telemetry, now)
+
+    def _fly(self, now: float) -> PilotOutput:
+        for answer in self.link.take_answers():
+            kind = REQUESTED_BY.get(answer.command.number)
+            if kind is not None:
+                self.pilot.answered(kind, answer.accepted, answer.why)
+        output = self.pilot.update(self.telemetry if self.link.up else None, now)
+        last, self.output = self.output, output
+        if output.phase is not last.phase:  # What was asked for is no longer wanted.
+            self.link.cancel()
+        for request in output.requests:
+            self.link.send(commands(request), now)
+        if output.serviced:
+            self.faults.serviced()
+            self._log.append((False, 'service done'))
+        if (output.phase, output.status) != (last.phase, last.status):
+            warning = output.phase in WARNING_PHASES
+            self._log.append((warning, f'{output.phase.value}: {output.status}'))
+        return output
+
+    def _tell(self, now: float) -> None:
+        """Log what is new about the link: who is flown, who is not, what was refused."""
+        facts = {
+            'vehicle': self.link.vehicle,
+            'link error': self.link.error,
+            **{f'warning {text}': text for text in self.warnings},
+        }
+        for key, text in facts.items():
+            if text and self._said.get(key) != text:
+                self._log.append((key != 'vehicle', text))
+        self._said = facts
+
+    def _judge(self, now: float) -> Fault | None:
+        if not self.link.up:
+            return None
+        camera_age = self.link.component_age(CAMERA_COMPONENT, now)
+        return self.faults.update(self.telemetry, camera_age, now)

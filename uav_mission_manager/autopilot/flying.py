@@ -1,0 +1,152 @@
+"""Flying a task in GUIDED: climb, travel, stay over the destination, complete the goal."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from uav_mission_manager.autopilot.leg import Leg
+from uav_mission_manager.autopilot.requests import Requests
+from uav_mission_manager.autopilot.task import FlightTask, Phase, PilotOutput, Settings
+from uav_mission_manager.autopilot.telemetry import Position
+from uav_mission_manager.autopilot.vehicle import Fly
+
+EVENT_REPEAT_PERIOD = 10.0
+"""Time [s] after which a goal that is still commanded is reported as completed, or out of reach,
+again: a choice."""
+
+REFUSALS_TO_BLOCK = 2
+"""How often in a row the autopilot must refuse a flight to a point until it is out of reach: a
+choice; the first time it may only be too early."""
+
+
+class TaskFlight:
+    """The part of a task that is flown: over it ends, at the destination and its height.
+
+    Attributes
+    ----------
+    taking_off : bool
+        Whether a take-off was asked for, whose end is waited for: `progress_timeout` at most.
+    """
+
+    def __init__(self, settings: Settings, requests: Requests) -> None:
+        self._settings = settings
+        self._requests = requests
+        self.taking_off = False
+        self._leg: Leg | None = None
+        self._climb_point: Position | None = None
+        self._rising_since: float | None = None
+        self._arrived: float | None = None
+        self._reported_at = -math.inf
+
+    def retarget(self) -> None:
+        """Begin anew for another goal."""
+        self._arrived, self._reported_at = None, -math.inf
+
+    def interrupt(self) -> None:
+        """Stop where it is: the stay over the destination, and the take-off, begin anew."""
+        self._arrived = self._leg = self._rising_since = None
+        self.taking_off = False
+
+    def restart(self) -> None:
+        """Begin anew after a change of mode or arming."""
+        self._leg = self._climb_point = self._rising_since = None
+        self.taking_off = False
+
+    def over(self, task: FlightTask, position: Position) -> bool:
+        """Whether the vehicle is over the destination, and not in a take-off."""
+        distance = position.distance_to(task.latitude, task.longitude)
+        return distance <= self._settings.acceptance_radius and not self._rising(task, position)
+
+    def fly(self, task: FlightTask, position: Position, now: float) -> PilotOutput:
+        """Return what to do now; the phase RETURNING says that there is no getting there."""
+        if self._rising(task, position):
+            if self._rising_since is None:
+                self._rising_since = now
+            if now - self._rising_since <= self._settings.progress_timeout:
+                return PilotOutput(Phase.TAKE_OFF, task.text)
+        self.taking_off, self._rising_since = False, None
+        if not self.over(task, position):
+            return self._travel(task, position, now)
+        return self._stay(task, position, now)
+
+    def _rising(self, task: FlightTask, position: Position) -> bool:
+        return self.taking_off and self._low(task, position)
+
+    def _low(self, task: FlightTask, position: Position) -> bool:
+        """Whether the vehicle has to climb before it moves; a climb ends a little higher."""
+        margin = self._settings.height_tolerance / (2.0 if self._climb_point else 1.0)
+        return position.altitude < task.cruise_altitude - margin
+
+    def _travel(self, task: FlightTask, position: Position, now: float) -> PilotOutput:
+        """Climb where it is, then fly to the destination."""
+        self._arrived = None
+        if self._low(task, position):
+            self._climb_point = point = self._climb_point or position
+            fly = self._to(point.latitude, point.longitude, task.cruise_altitude, task)
+            return self._advance(fly, Phase.CLIMBING, task, position, now)
+        self._climb_point = None
+        fly = self._to(task.latitude, task.longitude, task.cruise_altitude, task)
+        return self._advance(fly, Phase.EN_ROUTE, task, position, now)
+
+    def _stay(self, task: FlightTask, position: Position, now: float) -> PilotOutput:
+        """Over the destination: go to its height, and complete the goal there."""
+        self._climb_point = None
+        fly = self._to(task.latitude, task.longitude, task.altitude, task)
+        if abs(position.altitude - task.altitude) > self._settings.height_tolerance:
+            self._arrived = None
+            return self._advance(fly, Phase.EN_ROUTE, task, position, now)
+        self._leg = None
+        step = self._requests.ask(fly, Phase.ON_SITE, task.text, now)
+        return replace(step, completed=self._complete(task, now))
+
+    def _to(self, latitude: float, longitude: float, altitude: float, task: FlightTask) -> Fly:
+        speed = self._settings.agile_speed if task.agile else self._settings.cruise_speed
+        return Fly(latitude, longitude, altitude, speed)
+
+    def _advance(
+        self,
+        fly: Fly,
+        phase: Phase,
+        task: FlightTask,
+        position: Position,
+        now: float,
+    ) -> PilotOutput:
+        """Fly a leg; where it gets nowhere, say so, and in the end return to launch."""
+        if self._leg is None or not self._leg.same(fly):
+            self._leg = Leg(fly, now)
+        leg = self._leg
+        leg.watch(position, now)
+        refusals, why = self._requests.refusals(Fly)
+        patience = self._settings.progress_timeout
+        if refusals < REFUSALS_TO_BLOCK:
+            why = leg.stuck(patience, now)
+        if not why:
+            leg.blocked_at = None
+            return self._requests.ask(fly, phase, task.text, now, position.speed)
+        if leg.blocked_at is None:
+            leg.blocked_at = now
+        if now - leg.blocked_at > patience:
+            return PilotOutput(Phase.RETURNING, f'{task.text}: {why}')
+        step = self._requests.ask(fly, Phase.BLOCKED, f'{task.text}: {why}', now, position.speed)
+        if not task.goal or not self._report(now):
+            return step
+        return replace(step, refused=task.goal, losing_ground=leg.losing_ground)
+
+    def _complete(self, task: FlightTask, now: float) -> str:
+        """Return the goal when the dwell is over, else ''.
+
+        If the command is still the same 10 s later, the manager missed the completion or wants
+        the goal anew, and it is returned again.
+        """
+        if self._arrived is None:
+            self._arrived = now
+        dwelt = now - self._arrived >= self._settings.goal_dwell
+        return task.goal if task.goal and dwelt and self._report(now) else ''
+
+    def _report(self, now: float) -> bool:
+        """Whether it is time to report what became of the goal, for the first time or again."""
+        due = now - self._reported_at >= EVENT_REPEAT_PERIOD
+        if due:
+            self._reported_at = now
+        return due

@@ -1,0 +1,47 @@
+"""Mission commands as flight tasks: where the mission file says to go, and how high."""
+
+from __future__ import annotations
+
+from uav_mission_manager.autopilot.task import FlightTask
+from uav_mission_manager.mdp import Action, ActionKind, Mission, Origin
+
+
+class FlightPlan:
+    """Destinations and altitudes of a mission.
+
+    Parameters
+    ----------
+    mission : Mission
+        With a `grid.origin`; ValueError otherwise.
+    flight_altitude : float
+        Above the ground [m]; on the way, above that of the highest cell.
+    """
+
+    def __init__(self, mission: Mission, flight_altitude: float) -> None:
+        if mission.grid.origin is None:
+            raise ValueError('grid.origin is missing; the bridge needs it to fly')
+        self.origin: Origin = mission.grid.origin
+        self._mission = mission
+        self._above = self.origin.altitude + flight_altitude
+        cells = range(mission.grid.rows * mission.grid.cols)
+        self._highest = max(mission.grid.ground(cell) for cell in cells)
+
+    def task(self, action: Action, text: str) -> FlightTask:
+        """Return the task of an action; `text` is its command."""
+        grid = self._mission.grid
+        return FlightTask(
+            text,
+            *self.origin.to_geodetic(*grid.position(action.destination)),
+            altitude=self._above + grid.ground(action.destination),
+            cruise_altitude=self._above + self._highest,
+            agile=action.agile,
+            goal='' if action.goal is None else self._mission.goals[action.goal].name,
+            land=action.goal is None and not action.agile,
+            service=action.kind is ActionKind.REPAIR,
+        )
+
+    def ground(self, latitude: float, longitude: float) -> float:
+        """Altitude of the ground above mean sea level [m] at a place [deg], by the mission."""
+        grid = self._mission.grid
+        cell = grid.cell_at(*self.origin.to_local(latitude, longitude))
+        return self.origin.altitude + grid.ground(cell)
