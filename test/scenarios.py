@@ -1,8 +1,8 @@
 """What may happen to a vehicle in flight, told once for a simulated and for a real autopilot.
 
-A scenario is a function of a `Chain`: base station, manager, bridge and autopilot, with a crew that
-can do to them what crews and bad days do. What the vehicle did is read on the wire, not asked of
-the bridge.
+A scenario is a function of a `Chain`: base station, manager, bridge and autopilot, with a crew
+that can do to them what crews and bad days do. What the vehicle did is read on the wire, not asked
+of the bridge.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -521,7 +522,7 @@ def a_motor_weakens(chain: Chain) -> None:
     chain.until_down_at(chain.mission.grid.service, 300.0)
     chain.set('SIM_ENGINE_FAIL', 0)
     times = [time for time, _ in chain.commands if time > found + 1.0]
-    pauses = [later - sooner for sooner, later in zip(times, times[1:], strict=False)]
+    pauses = [later - sooner for sooner, later in pairwise(times)]
     assert all(pause > 4.0 for pause in pauses), chain.commands
     chain.until(lambda: 'goal2' in chain.completed, 'goal2 completed', 300.0)
 
