@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from ros_helpers import NodeProcess, Ros
 from std_msgs.msg import String, UInt8MultiArray
 
@@ -55,6 +56,37 @@ def test_of_two_started_at_once_one_goes_on(ros: Ros, role: str) -> None:
     [code] = [one.process.poll() for one in both if one.process.poll() is not None]
     assert code == 1
     assert len(identities(heard)) == 1
+
+
+def test_a_second_manager_commands_nothing(ros: Ros) -> None:
+    """It does not know the priorities yet, and would turn the vehicle round."""
+    heard = ros.listen('presence/manager', String, qos.EVENT)
+    goals = ros.listen('goal_states', UInt8MultiArray, qos.LATCHED)
+    decisions = ros.listen('manager/decision', DiagnosticArray, qos.LATCHED)
+    wanted = UInt8MultiArray(data=[2, 0, 0])
+    asking = ros.repeat('goal_priorities', lambda: wanted, qos.STATE_IN)
+    start(ros, 'manager')
+    ros.until(lambda: goals and list(goals[-1].data) == [2, 0, 0], 'the priorities')
+    asking.cancel()
+    goals.clear()
+    decisions.clear()
+    second = start(ros, 'manager')
+    assert second.wait() == 1
+    until_heard_again(ros, heard)
+    assert {tuple(message.data) for message in goals} == {(2, 0, 0)}
+    assert decisions
+    assert second.lines('no command') == []
+
+
+def test_a_second_base_station_asks_for_nothing(ros: Ros) -> None:
+    requests = ros.listen('goal_priorities', UInt8MultiArray, qos.STATE_IN)
+    start(ros, 'base_station', '-p', 'priorities:=[2, 0, 0]')
+    ros.until(lambda: requests, 'a request')
+    second = start(ros, 'base_station', '-p', 'priorities:=[0, 0, 1]')
+    assert second.wait() == 1
+    count = len(requests)
+    ros.until(lambda: len(requests) >= count + 2, 'repetition')
+    assert {tuple(message.data) for message in requests} == {(2, 0, 0)}
 
 
 def test_one_that_was_killed_is_nothing_to_the_next(ros: Ros) -> None:

@@ -27,7 +27,8 @@ PARAMETERS = (
 class BaseStation(Node):
     """Publishes its parameter `priorities`: one value a goal, 0 none, 1 low, 2 high.
 
-    A change is published at once, as a new request, and every request is repeated at `rate`.
+    A change is published at once, as a new request, and every request is repeated at `rate`. In
+    its first seconds it only listens whether another base station is there.
     """
 
     def __init__(self) -> None:
@@ -59,12 +60,12 @@ class BaseStation(Node):
             qos_overriding_options=qos.OVERRIDABLE,
         )
         self._message: UInt8MultiArray | None = None
+        self._presence = Presence(self, 'base_station')
         if any(priorities):  # A station that restarts with none must not end a mission.
             self._request(priorities)
         self.add_on_set_parameters_callback(self._check)
         self.add_post_set_parameters_callback(self._on_set)
         self.create_timer(1.0 / settings.rate, self._publish, clock=safety_clock(self))
-        self._presence = Presence(self, 'base_station')
 
     def _fault_in(self, priorities: Sequence[int]) -> str:
         if len(priorities) != len(self._goals):
@@ -103,7 +104,7 @@ class BaseStation(Node):
             self._message.data[self._goals.index(message.data)] = 0
 
     def _publish(self) -> None:
-        if self._message is not None:
+        if self._message is not None and not self._presence.silent:
             self._publisher.publish(self._message)
 
 

@@ -80,7 +80,8 @@ class Manager(Node):
     """Commands what the policy says about the state that vehicle and base station report.
 
     A changed command stays for `command_dwell` unless danger or a new task asks for another.
-    Without a fresh battery state, position and fault mode it publishes no command.
+    Without a fresh battery state, position and fault mode it publishes no command, nor while
+    another manager may be there that it has not heard yet, in its first seconds.
     """
 
     def __init__(self) -> None:
@@ -102,7 +103,6 @@ class Manager(Node):
         )
         self.create_timer(1.0, self._diagnose, clock=self._timer_clock)
         self.get_logger().info(f'policy {self._label}')
-        self._explain(self._now())
         self._presence = Presence(self, 'manager')
 
     def _create_outputs(self) -> None:
@@ -169,7 +169,12 @@ class Manager(Node):
         self._refused[topic] = reason
 
     def _step(self, repeat: bool = False) -> None:
-        """Decide; publish what changed, or everything when it is time to `repeat`."""
+        """Decide; publish what changed, or everything when it is time to `repeat`.
+
+        A manager that has just started listens first: to hear of another one, and what is wanted.
+        """
+        if self._presence.silent:
+            return
         now, before = self._now(), self._outcome
         outcome = decide(self._policy, self._situation, now, self._settings.input_timeout)
         if isinstance(outcome, Refusal):

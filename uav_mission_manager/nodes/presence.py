@@ -27,6 +27,14 @@ TIE = 0.2
 """Difference of uptimes [s] up to which the smaller id goes on: a choice, well above the time that
 a message takes, by which each of two nodes thinks the other one younger."""
 
+LISTENING_TIME = 3.0
+"""Time [s] after the start for which a node listens before it speaks: a choice. Nodes on one
+machine have found each other after 2.6 s at most, as measured."""
+
+FAREWELL_TIME = 1.0
+"""Time [s] for which a second node stays, silent, for the first one to hear and report it: a
+choice, two periods."""
+
 PROCESS_START = time.monotonic()
 """Time [s] from which the uptime counts."""
 
@@ -34,7 +42,8 @@ PROCESS_START = time.monotonic()
 class Presence:
     """Says that a node is there, and ends it when another of its role was there before.
 
-    Make it last in a node's constructor: what waits for a slow start is out of date.
+    While it is `silent`, a node shall publish nothing of its own: another may see it otherwise. Make
+    it after all that is slow in a node's constructor: what has waited is out of date.
 
     Parameters
     ----------
@@ -48,6 +57,8 @@ class Presence:
         self._node, self._role = node, role
         self._id = f'{socket.gethostname()}:{os.getpid()}:{uuid.uuid4().hex[:8]}'
         self._younger: set[str] = set()
+        self._since = time.monotonic()
+        self._heard_older, self._why = math.inf, ''
         topic = f'presence/{role}'
         self._publisher = node.create_publisher(
             String, topic, qos.EVENT, qos_overriding_options=qos.OVERRIDABLE
@@ -56,8 +67,18 @@ class Presence:
             String, topic, self._on_presence, qos.EVENT, qos_overriding_options=qos.OVERRIDABLE
         )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        node.create_timer(PRESENCE_PERIOD, self._publish, clock=steady)
+        node.create_timer(PRESENCE_PERIOD, self._tick, clock=steady)
         self._publish()
+
+    @property
+    def silent(self) -> bool:
+        """Whether another node is there, or may be there and has not been heard yet."""
+        return bool(self._why) or time.monotonic() - self._since < LISTENING_TIME
+
+    def _tick(self) -> None:
+        self._publish()
+        if time.monotonic() - self._heard_older > FAREWELL_TIME:
+            raise FatalError(self._why)
 
     def _publish(self) -> None:
         self._publisher.publish(String(data=f'{self._id} {_uptime():.3f}'))
@@ -65,7 +86,7 @@ class Presence:
     def _on_presence(self, message: String) -> None:
         """Give way to an older node; tell a younger one at once, as its period may be over."""
         other, _, text = message.data.rpartition(' ')
-        if other == self._id:
+        if other == self._id or self._why:
             return
         try:
             older_by = float(text) - _uptime()
@@ -76,7 +97,8 @@ class Presence:
                 f'presence/{self._role}: {message.data!r} is not ID UPTIME', once=True
             )
         elif older_by > TIE or (older_by >= -TIE and other < self._id):
-            raise FatalError(
+            self._heard_older = time.monotonic()
+            self._why = (
                 f'another {self._role} is in {self._node.get_namespace()}: {other}, up for '
                 f'{float(text):.1f} s; there may be one, so this one ends'
             )
