@@ -42,8 +42,8 @@ PROCESS_START = time.monotonic()
 class Presence:
     """Says that a node is there, and ends it when another of its role was there before.
 
-    While it is `silent`, a node shall publish nothing of its own: another may see it otherwise. Make
-    it after all that is slow in a node's constructor: what has waited is out of date.
+    While it is `silent`, a node shall publish nothing of its own: another may see it otherwise.
+    Make it after all that is slow in a constructor: what has waited is out of date.
 
     Parameters
     ----------
