@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 
 from uav_mission_manager import build_policy, load_mission
 from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, StateSpace, global_actions
+from uav_mission_manager.mdp.routes import next_hops
 from uav_mission_manager.onboard import InputError, Refusal, Situation, decide, format_command
 from uav_mission_manager.policy import Decision, Policy
 
@@ -269,6 +271,34 @@ def test_recharging_is_no_way_to_bring_a_refused_goal_back(
     # With a goal that is truly out of range, recharging has its use.
     empty = situation.with_battery(0.1, 1.0)
     assert command(decide(policy, empty, 1.0, TIMEOUT)) == 'recharge'
+
+
+def last_command(policy: Policy, situation: Situation, cell: int) -> tuple[str, Situation]:
+    """Fly cell by cell, without chance, until nothing more is to be done where the vehicle is."""
+    for _ in range(60):
+        situation = situation.with_position(*MISSION.grid.position(cell), 0.0)
+        outcome = decide(policy, situation, 0.0, TIMEOUT)
+        assert isinstance(outcome, Decision)
+        action = outcome.action
+        situation = situation.after(action)
+        if cell != action.destination:
+            cell = int(next_hops(MISSION.grid, action.destination)[cell])
+        elif action.goal is not None:
+            situation = situation.with_completed(MISSION.goals[action.goal].name)
+        else:
+            break
+    return command(outcome), situation
+
+
+@pytest.mark.parametrize('cell', range(MISSION.grid.q))
+def test_with_a_goal_refused_the_others_are_completed_and_the_vehicle_goes_home(
+    policy: Policy, cell: int
+) -> None:
+    for priorities in product((0, 1, 2), repeat=MISSION.k):
+        for goal in MISSION.goals:
+            start = at(cell, priorities=priorities).with_refused(goal.name)
+            last, end = last_command(policy, start, cell)
+            assert (last, end.without_refused().priorities) == ('none normal', (0,) * MISSION.k)
 
 
 FLOATS = st.floats(allow_nan=True, allow_infinity=True)
