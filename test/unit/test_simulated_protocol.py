@@ -595,6 +595,18 @@ def test_boot_as_seen_in_messages():
     assert [m.text for m in witness.take('STATUSTEXT')] == ['PreArm: Need Position Estimate']
 
 
+def test_home_is_told_once_it_is_known():
+    (peer,) = connect(boot_seconds=10.0)
+    number = mavlink.MAVLINK_MSG_ID_HOME_POSITION
+    assert peer.command(mavlink.MAV_CMD_REQUEST_MESSAGE, number) == 0
+    assert peer.take('HOME_POSITION') == []
+    peer.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6)
+    peer.run(4.7)
+    assert peer.take('HOME_POSITION') == []
+    peer.run(0.6)
+    assert len(peer.take('HOME_POSITION')) == 1
+
+
 def test_reboot_forgets_the_streams_and_begins_at_time_0(peer):
     wanted = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
     number = mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN

@@ -42,8 +42,9 @@ class SimulatedLink:
         return self._autopilot.parse_buffer(data) or []
 
     def send(self, message: Any) -> None:
-        """Send as the autopilot."""
-        self._autopilot.send(message)
+        """Send as the autopilot; None, what a message without content is, sends nothing."""
+        if message is not None:
+            self._autopilot.send(message)
 
     def send_as_camera(self, message: Any) -> None:
         """Send as the camera."""

@@ -27,11 +27,11 @@ ALWAYS_HEALTHY_SENSORS = (
     | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
     | mavlink.MAV_SYS_STATUS_SENSOR_GPS  # also without fix, as seen on ArduCopter
     | mavlink.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
+    | mavlink.MAV_SYS_STATUS_AHRS  # during boot too
 )
 """SYS_STATUS bits of what never fails here."""
 
 HEALTH_CHECKS: dict[int, Callable[[SimulatedFlight], bool]] = {
-    mavlink.MAV_SYS_STATUS_AHRS: lambda flight: flight.estimator.attitude_ok,
     mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG: lambda flight: not flight.parameters['SIM_MAG1_FAIL'],
     mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE: lambda flight: (
         not flight.parameters['SIM_BARO_DISABLE']
@@ -238,6 +238,8 @@ def _ekf_status(flight: SimulatedFlight) -> Any:
 
 
 def _home_position(flight: SimulatedFlight) -> Any:
+    if not flight.estimator.home_known:
+        return None
     home = flight.home
     latitude, longitude = flight.origin.to_geodetic(home.position)
     return mavlink.MAVLink_home_position_message(
@@ -302,7 +304,7 @@ MESSAGE_BUILDERS: dict[int, Callable[[SimulatedFlight], Any]] = {
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: _home_position,
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: _extended_sys_state,
 }
-"""Builder by message id; what is not here is refused."""
+"""Builder by message id, None where there is nothing to say yet; what is not here is refused."""
 
 
 def _milliseconds(flight: SimulatedFlight) -> int:
