@@ -425,6 +425,26 @@ def test_a_landing_ends_at_rest(mode, height, climb, phase):
     assert disarmed(flight, height, climb).phase is phase
 
 
+@pytest.mark.parametrize('first', ['the fall', 'the news'], ids=lambda first: f'{first} first')
+def test_motors_stopped_just_above_the_ground_are_not_started_again(first):
+    """A heartbeat may take a second; by then it lies on the ground."""
+    flight = Flight().order(HOME).airborne()
+    flight.step()
+    flight.set(mode=FlightMode.LAND).at(0.0, height=3.0).step()
+    if first == 'the news':
+        flight.set(armed=False, landed=True).step()
+    flight.at(0.0, height=1.0).climb = -5.0
+    flight.step()
+    flight.at(0.0, height=0.0).climb = 0.0
+    flight.step()
+    flight.set(armed=False, landed=True)
+    requests, _, step = flight.order(COMMIT).run(10.0)
+    assert (step.phase, requests) == (Phase.PILOT, [])
+    assert 'stopped in the air' in step.status
+    flight.pilot.resume(flight.now)
+    assert flight.step().phase is Phase.ARMING
+
+
 def test_motors_stopped_by_hand_in_flight_by_hand_are_not_started_again():
     flight = Flight().order(COMMIT).airborne().set(mode=FlightMode.LOITER)
     flight.step()

@@ -23,6 +23,14 @@ MAX_LANDING_SINK_RATE = 0.5
 """Descent [m/s] above which a vehicle whose motors stop is falling: that of ArduCopter just before
 touch-down (LAND_SPEED, 50 cm/s by default); a landing ends at rest."""
 
+FALL_RATE = 3.0
+"""Descent [m/s] that, near the time when the motors stop, is a fall: a choice, twice that of
+ArduCopter's landing at its fastest (WPNAV_SPEED_DN, 150 cm/s by default)."""
+
+FALL_TIME = 2.0
+"""Time [s] between a fall and the news that the motors have stopped, at most, whichever comes
+first: a choice. ArduCopter may tell of it as late as with its next heartbeat, a second later."""
+
 
 class Authority:
     """Follows mode and arming; see the module's docstring.
@@ -42,6 +50,7 @@ class Authority:
         self._ordered: int | None = None  # the mode that it waits for
         self._ordered_at = self._arm_asked = -math.inf
         self._adopt = False
+        self._fell_at, self._stopped_at = math.inf, -math.inf
         self._seen: tuple[int | None, bool] = (None, False)
         self._failsafe_seen = False
 
@@ -60,7 +69,7 @@ class Authority:
 
     def resume(self) -> None:
         """Take command again, whatever the mode is."""
-        self.taken, self._adopt = '', True
+        self.taken, self._adopt, self._fell_at = '', True, math.inf
 
     def link_lost(self) -> None:
         """Take nothing over unseen; on the ground the autopilot may reboot meanwhile."""
@@ -86,6 +95,7 @@ class Authority:
         if now - self._ordered_at > REQUEST_EFFECT_TIME:
             self._ordered = None
         if not self.taken:
+            self._watch_falls(telemetry, now)
             self.taken = self._someone_else(telemetry)
         self.motors_started_here = self.motors_started_here and telemetry.armed
         changed = self._seen != (telemetry.mode, telemetry.armed)
@@ -100,11 +110,19 @@ class Authority:
         began = telemetry.armed and telemetry.failsafe and not self._failsafe_seen
         if began and self._seen[1] and telemetry.mode in (FlightMode.LAND, FlightMode.RTL):
             return f'the autopilot is in a failsafe ({mode_name(telemetry.mode)})'
+        stopped = self._seen[1] and not telemetry.armed
+        if stopped and telemetry.mode == FlightMode.GUIDED:
+            return 'disarmed, but not from here'
+        if not telemetry.armed and abs(self._fell_at - self._stopped_at) <= FALL_TIME:
+            return 'the motors were stopped in the air'
+        return _fallen(telemetry) if stopped else ''
+
+    def _watch_falls(self, telemetry: Telemetry, now: float) -> None:
         if self._seen[1] and not telemetry.armed:
-            if telemetry.mode == FlightMode.GUIDED:
-                return 'disarmed, but not from here'
-            return _fallen(telemetry)
-        return ''
+            self._stopped_at = now
+        position = telemetry.position
+        if position is not None and position.velocity[2] < -FALL_RATE:
+            self._fell_at = now
 
 
 def _fallen(telemetry: Telemetry) -> str:
