@@ -95,7 +95,8 @@ class SimulatedChain(Chain):
         self.bridge = VehicleBridge(link, Pilot(settings, plan.ground), FaultEstimator())
         self._fault = ''
         self._request: tuple[tuple[int, ...], str] = ((0,) * policy.mission.k, 'request 0')
-        self._beat_at = 0.0
+        self._beat_at = self._decide_at = 0.0
+        self._news: tuple[object, ...] = ()
         self.start_manager()
 
     def _step(self) -> None:
@@ -142,23 +143,26 @@ class SimulatedChain(Chain):
             situation = situation.with_completed(step.pilot.completed)
         for goal in refused:
             situation = situation.with_refused(goal)
-        self._manage(situation)
+        news = (self._fault, self._request, *self.completed, *refused)
+        if news != self._news or self._time >= self._decide_at:
+            self._news, self._decide_at = news, self._time + 0.25
+            situation = self._managed(situation)
+        self._situation = situation
 
-    def _manage(self, situation: Situation) -> None:
+    def _managed(self, situation: Situation) -> Situation:
         """Do what the manager does: decide, and command."""
         situation = situation.with_priorities(*self._request, self._time)
         outcome = decide(self._policy, situation, self._time, INPUT_TIMEOUT)
         if isinstance(outcome, Refusal):
             self._standing = None
-            self._situation = situation
-            return
+            return situation
         decision, self._standing = dwell(outcome, situation, self._standing, 5.0, self._time)
-        self._situation = situation.after(decision.action)
         text = format_command(self.mission, decision.action)
         if text != self.command:
             self.commands.append((self._time, text))
         self.bridge.pilot.goals_wanted = any(situation.priorities)
         self.bridge.pilot.command(self._plan.task(decision.action, text), self._time)
+        return situation.after(decision.action)
 
     # The crew
 

@@ -24,15 +24,15 @@ class FlightPlan:
         self._mission = mission
         self._above = self.origin.altitude + flight_altitude
         cells = range(mission.grid.rows * mission.grid.cols)
+        self._places = [self.origin.to_geodetic(*mission.grid.position(cell)) for cell in cells]
         self._highest = max(mission.grid.ground(cell) for cell in cells)
 
     def task(self, action: Action, text: str) -> FlightTask:
         """Return the task of an action; `text` is its command."""
-        grid = self._mission.grid
         return FlightTask(
             text,
-            *self.origin.to_geodetic(*grid.position(action.destination)),
-            altitude=self._above + grid.ground(action.destination),
+            *self._places[action.destination],
+            altitude=self._above + self._mission.grid.ground(action.destination),
             cruise_altitude=self._above + self._highest,
             agile=action.agile,
             goal='' if action.goal is None else self._mission.goals[action.goal].name,
