@@ -23,6 +23,9 @@ BRIDGE_PARAMETERS = {
 }
 """The bridge's parameters; times are short because simulated time runs faster than its clock."""
 
+MANAGER_PARAMETERS = {'command_dwell': 0.5}
+"""The manager's parameters, short for the same reason."""
+
 
 class Stack:
     """Starts the processes of one mission, watches them and ends them.
@@ -56,7 +59,7 @@ class Stack:
         mission = {'mission': self.mission}
         connection = f'udpin:{self._vehicle}'
         self._start_node('mavlink_bridge', connection=connection, **mission, **BRIDGE_PARAMETERS)
-        self._start_node('manager', policy=self.policy)
+        self._start_node('manager', policy=self.policy, **MANAGER_PARAMETERS)
         self._start_node('base_station', **mission)
 
     def ended(self) -> dict[str, int]:
