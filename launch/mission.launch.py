@@ -51,14 +51,9 @@ def argument(name: str, value_type: type = str) -> ParameterValue:
     return ParameterValue(LaunchConfiguration(name), value_type=value_type)
 
 
-def value(context: LaunchContext, name: str) -> str:
-    """Return what the launch argument `name` is."""
-    return str(LaunchConfiguration(name).perform(context))
-
-
 def system_id(context: LaunchContext) -> int:
     """Return the vehicle's MAVLink system id; refuse what is none."""
-    text = value(context, 'system')
+    text = LaunchConfiguration('system').perform(context)
     if not (text.isdecimal() and 1 <= int(text) <= 255):
         raise RuntimeError(f'system {text!r} is not a MAVLink system id, 1 to 255')
     return int(text)
@@ -67,44 +62,48 @@ def system_id(context: LaunchContext) -> int:
 def connection(context: LaunchContext) -> str:
     """Return the bridge's end of the connection: as given, or on the port of the system id."""
     port = FIRST_PORT + PORTS_APART * (system_id(context) - 1)
-    return value(context, 'connection') or f'udpin:127.0.0.1:{port}'
+    given = str(LaunchConfiguration('connection').perform(context))
+    return given or f'udpin:127.0.0.1:{port}'
 
 
 def nodes(context: LaunchContext) -> list[Node]:
     """Return this package's nodes of one vehicle, in its namespace."""
-    namespace = value(context, 'namespace') or f'uav{system_id(context)}'
-    own: dict[str, dict[str, object]] = {
-        'base_station': {'mission': argument('mission')},
-        'manager': {'policy': argument('policy')},
-        'mavlink_bridge': {
-            'mission': argument('mission'),
-            'connection': ParameterValue(connection(context), value_type=str),
-            'target_system': system_id(context),
-            'allow_arming': argument('allow_arming', bool),
-        },
-    }
-    return [
-        Node(
+    system = system_id(context)
+    namespace = LaunchConfiguration('namespace').perform(context) or f'uav{system}'
+
+    def node(executable: str, **parameters: object) -> Node:
+        return Node(
             package=PACKAGE,
             executable=executable,
             namespace=namespace,
             parameters=[LaunchConfiguration('params'), parameters],
             output='screen',
         )
-        for executable, parameters in own.items()
+
+    return [
+        node('base_station', mission=argument('mission')),
+        node('manager', policy=argument('policy')),
+        node(
+            'mavlink_bridge',
+            mission=argument('mission'),
+            connection=ParameterValue(connection(context), value_type=str),
+            target_system=system,
+            allow_arming=argument('allow_arming', bool),
+        ),
     ]
 
 
 def one_mission(context: LaunchContext) -> None:
     """Refuse a policy set that was built from another mission file."""
-    path, policy = (value(context, name) for name in ('mission', 'policy'))
+    path = LaunchConfiguration('mission').perform(context)
+    policy = LaunchConfiguration('policy').perform(context)
     if load_mission(path) != load_policy(policy).mission:
         raise RuntimeError(f'policy {policy} was not built from mission {path}')
 
 
 def simulated_autopilot(context: LaunchContext) -> list[ExecuteProcess]:
     """Return the simulator, at the mission's origin and the other end of the connection."""
-    mission = load_mission(value(context, 'mission'))
+    mission = load_mission(LaunchConfiguration('mission').perform(context))
     origin = mission.grid.origin
     if origin is None:
         raise RuntimeError(f'mission {mission.name} has no grid.origin: the simulator needs it')
