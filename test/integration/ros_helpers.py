@@ -24,6 +24,7 @@ from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
 ROOT = Path(__file__).resolve().parents[2]
+ONE_OF_A_KIND = 'nodes.manager', 'nodes.base_station', 'nodes.mavlink_bridge'
 LIMIT = 60.0
 """Seconds before a condition that never comes true fails the test."""
 
@@ -103,7 +104,12 @@ class Ros:
         self._publishers: dict[str, Any] = {}
 
     def start(self, module: str, *args: str, **env: str) -> NodeProcess:
-        """Start a node: a module below uav_mission_manager, e.g. `nodes.manager`."""
+        """Start a node: a module below uav_mission_manager, e.g. `nodes.manager`.
+
+        One of which there may be one does not listen for another unless `args` say so.
+        """
+        if module in ONE_OF_A_KIND and not any('listening_time' in word for word in args):
+            args += '--ros-args', '-p', 'listening_time:=0.0'
         process = NodeProcess(
             self.domain, self.folder, f'uav_mission_manager.{module}', *args, **env
         )

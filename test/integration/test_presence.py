@@ -15,7 +15,7 @@ ROLES = ('manager', 'base_station')
 
 
 def start(ros: Ros, role: str, *arguments: str) -> NodeProcess:
-    return ros.start(f'nodes.{role}', '--ros-args', *arguments)
+    return ros.start(f'nodes.{role}', '--ros-args', '-p', 'listening_time:=3.0', *arguments)
 
 
 def identities(messages: list[String]) -> set[str]:

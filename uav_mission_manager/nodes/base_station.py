@@ -14,13 +14,14 @@ from std_msgs.msg import MultiArrayDimension, String, UInt8MultiArray
 from uav_mission_manager.mdp import load_mission
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.parameters import NodeParameter, declare
-from uav_mission_manager.nodes.presence import Presence
+from uav_mission_manager.nodes.presence import LISTENING, Presence
 from uav_mission_manager.nodes.runtime import run_node, safety_clock
 from uav_mission_manager.paths import share_directory
 
 PARAMETERS = (
     NodeParameter('mission', '', 'Mission file; empty is the shipped case study'),
     NodeParameter('rate', 1.0, 'Repetition rate [Hz]', 0.1, 20.0),
+    LISTENING,
 )
 
 
@@ -60,7 +61,7 @@ class BaseStation(Node):
             qos_overriding_options=qos.OVERRIDABLE,
         )
         self._message: UInt8MultiArray | None = None
-        self._presence = Presence(self, 'base_station')
+        self._presence = Presence(self, 'base_station', settings.listening_time)
         if any(priorities):  # A station that restarts with none must not end a mission.
             self._request(priorities)
         self.add_on_set_parameters_callback(self._check)

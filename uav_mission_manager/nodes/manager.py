@@ -21,7 +21,7 @@ from visualization_msgs.msg import MarkerArray
 from uav_mission_manager.nodes import qos, reporting
 from uav_mission_manager.nodes.frames import MAP_FRAME
 from uav_mission_manager.nodes.parameters import NodeParameter, declare
-from uav_mission_manager.nodes.presence import Presence
+from uav_mission_manager.nodes.presence import LISTENING, Presence
 from uav_mission_manager.nodes.runtime import run_node, safety_clock
 from uav_mission_manager.onboard import (
     InputError,
@@ -63,6 +63,7 @@ PARAMETERS = (
         60.0,
     ),
     NodeParameter('rate', 1.0, 'Rate of decisions and of the repeated command [Hz]', 1.0, 20.0),
+    LISTENING,
 )
 
 
@@ -103,7 +104,7 @@ class Manager(Node):
         )
         self.create_timer(1.0, self._diagnose, clock=self._timer_clock)
         self.get_logger().info(f'policy {self._label}')
-        self._presence = Presence(self, 'manager')
+        self._presence = Presence(self, 'manager', self._settings.listening_time)
 
     def _create_outputs(self) -> None:
         def output(kind: Any, topic: str, profile: QoSProfile = qos.LATCHED) -> Publisher:

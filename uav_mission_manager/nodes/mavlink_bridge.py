@@ -26,7 +26,7 @@ from uav_mission_manager.nodes.conversions import battery_state, nav_sat_fix, od
 from uav_mission_manager.nodes.flight_plan import FlightPlan
 from uav_mission_manager.nodes.frames import MAP_FRAME
 from uav_mission_manager.nodes.parameters import NodeParameter, declare
-from uav_mission_manager.nodes.presence import Presence
+from uav_mission_manager.nodes.presence import LISTENING, Presence
 from uav_mission_manager.nodes.reporting import status
 from uav_mission_manager.nodes.runtime import run_node, safety_clock
 from uav_mission_manager.onboard import parse_command
@@ -61,8 +61,8 @@ PARAMETERS = (
     NodeParameter(
         'effectiveness_threshold',
         0.85,
-        'Effectiveness below which a motor has failed: its thrust, compared with that of the '
-        'others at the same PWM (fraction)',
+        'Effectiveness below which a motor has failed: the command that a healthy one would need '
+        'for the same thrust, as a fraction of its own',
         0.0,
         1.0,
     ),
@@ -91,6 +91,7 @@ PARAMETERS = (
         DEFAULT_SETTINGS.allow_arming,
         'Whether the bridge may arm the vehicle and take off',
     ),
+    LISTENING,
 )
 
 
@@ -135,7 +136,7 @@ class MavlinkBridge(Node):
         self._fault: Fault | None = None
         self._fault_at = -math.inf
         self._connect()
-        self._presence = Presence(self, 'mavlink_bridge')
+        self._presence = Presence(self, 'mavlink_bridge', p.listening_time)
 
     def _connect(self) -> None:
         def publisher(kind: Any, topic: str, profile: Any) -> Any:
@@ -226,6 +227,9 @@ class MavlinkBridge(Node):
 
     def _poll(self) -> None:
         now = self._now()
+        if self._presence.silent:
+            self._bridge.link.poll(now)  # and drop it: it will be out of date
+            return
         if now - self._goals_at > self._command_timeout:
             self._bridge.pilot.goals_wanted = None
         step = self._bridge.step(now)
@@ -270,6 +274,8 @@ class MavlinkBridge(Node):
             self.get_logger().info(text)
 
     def _diagnose(self) -> None:
+        if self._presence.silent:
+            return
         bridge, output = self._bridge, self._bridge.output
         link, telemetry, warnings = bridge.link, bridge.telemetry, bridge.warnings
         level = DiagnosticStatus.WARN

@@ -18,6 +18,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from uav_mission_manager.nodes import qos
+from uav_mission_manager.nodes.parameters import NodeParameter
 from uav_mission_manager.nodes.runtime import FatalError
 
 PRESENCE_PERIOD = 0.5
@@ -27,9 +28,15 @@ TIE = 0.2
 """Difference of uptimes [s] up to which the smaller id goes on: a choice, well above the time that
 a message takes, by which each of two nodes thinks the other one younger."""
 
-LISTENING_TIME = 3.0
-"""Time [s] after the start for which a node listens before it speaks: a choice. Nodes on one
-machine have found each other after 2.6 s at most, as measured."""
+LISTENING = NodeParameter(
+    'listening_time',
+    3.0,
+    'Time at the start in which it only listens for another one of its kind [s]',
+    0.0,
+    60.0,
+)
+"""Parameter of every node of which there may be one. The default is a choice: nodes on one machine
+have found each other after 2.6 s at most, as measured."""
 
 FAREWELL_TIME = 1.0
 """Time [s] for which a second node stays, silent, for the first one to hear and report it: a
@@ -51,13 +58,15 @@ class Presence:
         Its namespace is the vehicle that may have one such node.
     role : str
         What there may be one of, such as `manager`.
+    listening_time : float
+        Time [s] from now for which it is silent.
     """
 
-    def __init__(self, node: Node, role: str) -> None:
+    def __init__(self, node: Node, role: str, listening_time: float) -> None:
         self._node, self._role = node, role
         self._id = f'{socket.gethostname()}:{os.getpid()}:{uuid.uuid4().hex[:8]}'
         self._younger: set[str] = set()
-        self._since = time.monotonic()
+        self._silent_until = time.monotonic() + listening_time
         self._heard_older, self._why = math.inf, ''
         topic = f'presence/{role}'
         self._publisher = node.create_publisher(
@@ -73,7 +82,7 @@ class Presence:
     @property
     def silent(self) -> bool:
         """Whether another node is there, or may be there and has not been heard yet."""
-        return bool(self._why) or time.monotonic() - self._since < LISTENING_TIME
+        return bool(self._why) or time.monotonic() < self._silent_until
 
     def _tick(self) -> None:
         self._publish()

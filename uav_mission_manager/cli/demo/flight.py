@@ -86,7 +86,7 @@ class DemoFlight(Node):
     @property
     def on_ground(self) -> bool:
         """Whether the vehicle stands disarmed."""
-        return not self.armed and self.phase == Phase.GROUND.value
+        return not self.armed and self.phase in (Phase.GROUND.value, Phase.HOLDING.value)
 
     @property
     def home(self) -> bool:

@@ -26,6 +26,9 @@ BRIDGE_PARAMETERS = {
 MANAGER_PARAMETERS = {'command_dwell': 0.5}
 """The manager's parameters, short for the same reason."""
 
+ALONE = {'listening_time': 0.0}
+"""Parameters of nodes that are alone in their namespace."""
+
 
 class Stack:
     """Starts the processes of one mission, watches them and ends them.
@@ -58,9 +61,11 @@ class Stack:
         )
         mission = {'mission': self.mission}
         connection = f'udpin:{self._vehicle}'
-        self._start_node('mavlink_bridge', connection=connection, **mission, **BRIDGE_PARAMETERS)
-        self._start_node('manager', policy=self.policy, **MANAGER_PARAMETERS)
-        self._start_node('base_station', **mission)
+        self._start_node(
+            'mavlink_bridge', connection=connection, **mission, **BRIDGE_PARAMETERS, **ALONE
+        )
+        self._start_node('manager', policy=self.policy, **MANAGER_PARAMETERS, **ALONE)
+        self._start_node('base_station', **mission, **ALONE)
 
     def ended(self) -> dict[str, int]:
         """Exit codes of the processes that are no longer there, by name."""
