@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -45,9 +45,12 @@ class Arm:
 
 @dataclass(frozen=True)
 class TakeOff:
-    """Climb to a height above home [m]."""
+    """Climb to a height above home [m].
 
-    height: float
+    All are one: home's altitude, on which the height depends, trembles by millimetres.
+    """
+
+    height: float = field(compare=False)
 
 
 @dataclass(frozen=True)
