@@ -91,6 +91,10 @@ class Chain(ABC):
         """Send a message to the autopilot from a ground station."""
 
     @abstractmethod
+    def forge(self, message: Any, v1: bool = False) -> None:
+        """Send a message to the bridge with the vehicle's ids, from its address; MAVLink 1 or 2."""
+
+    @abstractmethod
     def cut(self) -> None:
         """Cut the link between bridge and vehicle."""
 
@@ -194,6 +198,18 @@ class Chain(ABC):
             limit,
         )
 
+    def forge_position(self, north: float) -> None:
+        """Tell the bridge that the vehicle is so far [m] north of where it is."""
+        here = self.track[-1]
+        latitude, longitude = self.origin.to_geodetic(here.east, here.north + north)
+        altitude = round(1000.0 * (here.height + self.origin.altitude))
+        self.forge(
+            mavlink.MAVLink_global_position_int_message(
+                *(self._boot_time, round(latitude * 1e7), round(longitude * 1e7)),
+                *(altitude, round(1000.0 * here.height), 0, 0, 0, 0),
+            )
+        )
+
     def watch_vehicle(self, message: Any, to_the_bridge: bool) -> None:
         """Take note of what the vehicle says; `to_the_bridge`, whether the bridge hears it."""
         kind = message.get_type()
@@ -290,6 +306,19 @@ def a_service_is_no_reason_to_fly(chain: Chain) -> None:
     chain.spend(20.0)
     assert not chain.armed
     assert chain.orders[orders:] == []
+
+
+def a_goal_is_wanted_of_a_vehicle_without_position(chain: Chain) -> None:
+    """It stays, and says why; with a position it flies."""
+    chain.until(lambda: chain.ready and chain.fault == 'nominal', 'ready')
+    chain.set('SIM_GPS1_ENABLE', 0)
+    chain.until(lambda: chain.fault == 'sensor', 'sensor fault')
+    chain.want(0, 2, 0)
+    chain.spend(20.0)
+    assert not chain.armed
+    assert 'no position yet' in chain.report[1]
+    chain.set('SIM_GPS1_ENABLE', 1)
+    chain.until(lambda: 'goal2' in chain.completed, 'goal2 completed', 180.0)
 
 
 # Authority is what the mode says
@@ -421,6 +450,26 @@ def the_bridge_stands_still(chain: Chain) -> None:
     chain.until(lambda: chain.completed, 'goal completed')
 
 
+def a_hold_begins_on_a_wrong_position(chain: Chain) -> None:
+    """One position, 2.2 km off, is no place to hold, whenever it comes."""
+    chain.want(0, 2, 0)
+    chain.until_flying()
+    for pause in (0.2, 0.25, 0.3):
+        chain.spend(3.0)
+        place = chain.track[-1]
+        chain.forge_position(2200.0)
+        chain.hold()
+        chain.spend(pause)
+        chain.forge_position(2200.0)
+        chain.until(lambda: chain.phase == 'holding' and chain.track[-1].speed < 0.5, 'holding')
+        chain.spend(5.0)
+        here = chain.track[-1]
+        assert math.dist((here.east, here.north), (place.east, place.north)) < 15.0
+        assert chain.resume()[0]
+        chain.until_flying()
+    chain.until(lambda: chain.completed, 'goal completed')
+
+
 # Flight as a pilot expects
 
 
@@ -481,7 +530,8 @@ def a_goal_lies_outside_the_fence(chain: Chain) -> None:
     chain.set('FENCE_RADIUS', 120)
     chain.set('FENCE_ENABLE', 1)
     chain.want(1, 2, 0)
-    chain.until(lambda: 'goal2' in chain.refused, 'goal2 refused')
+    chain.until(lambda: chain.height > FLIGHT_ALTITUDE - 2.0, 'at height')
+    chain.until(lambda: 'goal2' in chain.refused, 'goal2 refused', 10.0)
     chain.until(lambda: chain.report[0] and 'FAILED' in chain.report[1], 'WARN', 10.0)
     chain.until(lambda: 'goal2' not in chain.command, 'another command', 10.0)
     chain.until(lambda: 'goal1' in chain.completed, 'goal1 completed')
@@ -527,6 +577,42 @@ def a_motor_weakens(chain: Chain) -> None:
     chain.until(lambda: 'goal2' in chain.completed, 'goal2 completed', 300.0)
 
 
+# Who is who
+
+
+def others_speak_with_the_vehicles_ids(chain: Chain) -> None:
+    """Neither a ground station with its ids nor MAVLink 1 is the vehicle."""
+    ids = mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID
+    station = mavlink.MAVLink_heartbeat_message(*ids, 0, 0, mavlink.MAV_STATE_ACTIVE, 3)
+    ids = mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+    old = mavlink.MAVLink_heartbeat_message(*ids, 81, FlightMode.LOITER, 4, 3)
+    chain.want(0, 2, 0)
+    chain.until_flying()
+    phases = set()
+    while not chain.completed:
+        chain.forge(station)
+        chain.forge(old, v1=True)
+        chain.spend(0.3)
+        phases.add(chain.phase)
+    assert phases <= {'en route', 'on site', 'landing'}
+
+
+def a_plane_has_the_vehicles_ids(chain: Chain) -> None:
+    """What may be a plane is not commanded, and it is said why; then it flies."""
+    chain.until(lambda: chain.ready and chain.fault == 'nominal', 'ready')
+    ids = mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+    plane = mavlink.MAVLink_heartbeat_message(*ids, 81, 10, mavlink.MAV_STATE_ACTIVE, 3)
+    chain.forge(plane)
+    chain.want(0, 2, 0)
+    for _ in range(10):
+        chain.forge(plane)
+        chain.spend(1.0)
+    assert (chain.armed, chain.orders) == (False, [])
+    assert chain.report[0]
+    assert 'not a multirotor' in chain.report[1]
+    chain.until(lambda: chain.completed, 'goal completed')
+
+
 # Ground stations
 
 
@@ -544,6 +630,7 @@ SCENARIOS = (
     sensors_fail_on_a_parked_vehicle,
     the_autopilot_reboots_on_the_ground,
     a_service_is_no_reason_to_fly,
+    a_goal_is_wanted_of_a_vehicle_without_position,
     a_battery_warning_is_no_takeover,
     radio_control_is_lost_and_guided_goes_on,
     a_pilot_takes_over_and_gives_back,
@@ -551,12 +638,15 @@ SCENARIOS = (
     the_link_is_cut_in_flight,
     the_link_is_cut_and_the_manager_is_dead,
     the_bridge_stands_still,
+    a_hold_begins_on_a_wrong_position,
     the_first_leg_is_not_too_fast,
     a_landing_is_broken_off,
     handed_over_too_high,
     a_goal_lies_outside_the_fence,
     the_wind_is_too_strong,
     a_motor_weakens,
+    others_speak_with_the_vehicles_ids,
+    a_plane_has_the_vehicles_ids,
     the_bridge_dies_beside_a_ground_station,
 )
 """All scenarios; the bridge has `source_system` 245 in each."""

@@ -88,6 +88,7 @@ class SimulatedChain(Chain):
         self.autopilot = SimulatedAutopilot(self.flight, [self._vehicle_link])
         self._time = 1000.0
         self._crew = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+        self._forger = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
         self._bridge_parser = mavlink.MAVLink(None)
         plan = FlightPlan(policy.mission, settings.flight_altitude)
         self._plan = plan
@@ -181,6 +182,9 @@ class SimulatedChain(Chain):
 
     def say(self, message: Any) -> None:
         self.autopilot.receive(self._vehicle_link, message.pack(self._crew))
+
+    def forge(self, message: Any, v1: bool = False) -> None:
+        self.port.arrived.append(message.pack(self._forger, force_mavlink1=v1))
 
     def cut(self) -> None:
         self.connected = False

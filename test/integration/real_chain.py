@@ -129,6 +129,11 @@ class Wire(threading.Thread):
             if self._to_vehicle:
                 self._vehicle.sendto(message.pack(self._ground), self._to_vehicle)
 
+    def forge(self, message: Any, v1: bool) -> None:
+        """Send a message to the bridge as if the autopilot had."""
+        data = message.pack(mavlink.MAVLink(None, 1, 1), force_mavlink1=v1)
+        self._bridge.sendto(data, self._to_bridge)
+
     def run(self) -> None:
         """Pass on what comes, and be a ground station."""
         beat = mavlink.MAVLink_heartbeat_message(
@@ -286,6 +291,9 @@ class RealChain(Chain):
 
     def say(self, message: Any) -> None:
         self.wire.say(message)
+
+    def forge(self, message: Any, v1: bool = False) -> None:
+        self.wire.forge(message, v1)
 
     def cut(self) -> None:
         self.wire.whole = False

@@ -134,10 +134,10 @@ class Pilot:
             return PilotOutput(Phase.HOLDING, f'{ON_THE_GROUND}{why}')
         if task is None:
             return PilotOutput(Phase.GROUND, 'no mission command yet')
+        if position is None:  # It silences the manager too.
+            return PilotOutput(Phase.GROUND, f'{task.text}: no position yet')
         if now - self._heard > self._settings.manager_timeout:
             return PilotOutput(Phase.GROUND, 'the manager is silent')
-        if position is None:
-            return PilotOutput(Phase.GROUND, f'{task.text}: no position yet')
         if far := self._site.too_far(task, position):
             return PilotOutput(Phase.HOLDING, far)
         if stays := self._may_stay(task, position):
