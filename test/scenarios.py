@@ -92,7 +92,7 @@ class Chain(ABC):
 
     @abstractmethod
     def forge(self, message: Any, v1: bool = False) -> None:
-        """Send a message to the bridge with the vehicle's ids, from its address; MAVLink 1 or 2."""
+        """Send a message to the bridge with the vehicle's ids and address."""
 
     @abstractmethod
     def cut(self) -> None:

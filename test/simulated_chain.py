@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -70,7 +70,10 @@ class VehicleEnd:
 
 
 class SimulatedChain(Chain):
-    """The chain with a simulated autopilot, some hundred times faster than life."""
+    """The chain with a simulated autopilot, some hundred times faster than life.
+
+    The vehicle stands `depth` [m] below the mission file's ground.
+    """
 
     def __init__(
         self,
@@ -79,11 +82,13 @@ class SimulatedChain(Chain):
         seed: int = 0,
         frame: MotorFrame = QUAD_X,
         settings: Settings = SETTINGS,
+        depth: float = 0.0,
     ) -> None:
         super().__init__(policy.mission)
         self._policy = policy
         self.port, self.connected, self.stalled = MemoryPort(), True, False
-        self.flight = SimulatedFlight(SimulatedOrigin(*astuple(self.origin)), 30.0, seed, frame)
+        ground = replace(self.origin, altitude=self.origin.altitude - depth)
+        self.flight = SimulatedFlight(SimulatedOrigin(*astuple(ground)), 30.0, seed, frame)
         self._vehicle_link = SimulatedLink(VehicleEnd(self))
         self.autopilot = SimulatedAutopilot(self.flight, [self._vehicle_link])
         self._time = 1000.0

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from scenarios import SCENARIOS
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from scenarios import FLIGHT_ALTITUDE, SCENARIOS
 from simulated_chain import SimulatedChain
 
 from uav_mission_manager.autopilot.simulator.frames import MOTOR_FRAMES
@@ -20,3 +22,45 @@ POLICY = load_policy(ROOT / 'policies' / 'case_study')
 def test_scenario(scenario, frame):
     chain = SimulatedChain(POLICY, frame=MOTOR_FRAMES[frame])
     scenario(chain)
+
+
+# What a real autopilot's harness cannot set up
+
+
+def test_it_flies_at_the_missions_altitude_though_home_lies_lower():
+    chain = SimulatedChain(POLICY, depth=8.0)
+    chain.want(0, 2, 0)
+    chain.until(lambda: chain.phase == 'on site', 'on site')
+    chain.until(lambda: chain.completed, 'goal completed')
+    assert abs(chain.height - FLIGHT_ALTITUDE) < 2.0
+    away = [s for s in chain.track if min(abs(s.east), abs(s.north)) > 5.0]
+    assert all(abs(s.height - FLIGHT_ALTITUDE) < 2.5 for s in away)
+    chain.until(lambda: not chain.armed, 'landed', 180.0)
+
+
+@pytest.mark.parametrize(('depth', 'word'), [(15.0, 'below'), (-15.0, 'above')])
+def test_where_the_altitudes_disagree_it_stays_and_says_so(depth, word):
+    chain = SimulatedChain(POLICY, depth=depth)
+    chain.until(lambda: chain.ready and chain.fault == 'nominal', 'ready')
+    chain.want(0, 2, 0)
+    chain.spend(30.0)
+    assert (chain.armed, chain.orders) == (False, [])
+    assert chain.report[0]
+    assert f"15 m {word} the mission file's ground" in chain.report[1]
+
+
+def test_refused_arming_is_said_in_its_words_and_asked_for_with_growing_pauses():
+    chain = SimulatedChain(POLICY)
+    chain.until(lambda: chain.ready and chain.fault == 'nominal', 'ready')
+    chain.set('SIM_RC3', 1500)
+    chain.want(0, 2, 0)
+    chain.until(lambda: 'Throttle (RC3) is not neutral' in chain.report[1], 'why')
+    assert chain.report[0]
+    chain.spend(120.0)
+    times = [o.time for o in chain.orders if o.number == mavlink.MAV_CMD_COMPONENT_ARM_DISARM]
+    pauses = [later - sooner for sooner, later in pairwise(times)]
+    assert pauses == sorted(pauses)
+    assert (pauses[0] < 3.0, pauses[-1] > 25.0) == (True, True)
+    chain.set('SIM_RC3', 1000)
+    chain.until(lambda: chain.completed, 'goal completed', 180.0)
+    assert not chain.report[0]
