@@ -861,6 +861,17 @@ def test_in_the_air_unknown_is_not_on_the_ground():
     assert flight.run(10.0)[0] == []
 
 
+def test_below_home_unknown_is_not_on_the_ground():
+    flight = Flight(mode=FlightMode.GUIDED).order(COMMIT)
+    flight.step()
+    flight.set(armed=True).step()
+    flight.airborne(50.0).order(HOME).pilot.goals_wanted = False
+    flight.home = 30.0
+    requests, _, step = flight.set(landed=None).run(10.0)
+    assert SetMode(FlightMode.LAND) not in requests
+    assert step.phase is Phase.EN_ROUTE
+
+
 # Failsafes
 
 

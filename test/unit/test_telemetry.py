@@ -47,9 +47,9 @@ def heartbeat(base_mode=81, mode=4, state=3, kind=mavlink.MAV_TYPE_QUADROTOR):
     )
 
 
-def global_position(lat=-353632620, lon=1491652370, heading=9000, time=0):
+def global_position(lat=-353632620, lon=1491652370, heading=9000, time=0, height=20.5):
     return mavlink.MAVLink_global_position_int_message(
-        time, lat, lon, 604500, 20500, 300, 400, -100, heading
+        time, lat, lon, 604500, round(1000 * height), 300, 400, -100, heading
     )
 
 
@@ -254,11 +254,14 @@ def test_motors_of_a_frame_that_has_more_than_eight():
 
 @pytest.mark.parametrize(
     ('state', 'height', 'on_ground'),
-    [(1, 20.5, True), (2, 0.0, False), (3, 0.0, False), (4, 0.0, False), (0, 20.5, False)],
+    [
+        *((1, 20.5, True), (2, 0.0, False), (3, 0.0, False), (4, 0.0, False)),
+        *((0, 20.5, False), (0, 0.0, None), (0, -12.0, None)),
+    ],
 )
 def test_on_the_ground(state, height, on_ground):
     landed = mavlink.MAVLink_extended_sys_state_message(0, state)
-    telemetry = decode(heartbeat(217), global_position(), landed)
+    telemetry = decode(heartbeat(217), global_position(height=height), landed)
     assert telemetry.on_ground is on_ground
     assert decode(heartbeat(81), global_position(), landed).on_ground
 

@@ -29,9 +29,8 @@ MAX_BELIEVED_VOLTAGE = 62.0
 """Highest voltage [V] believed: above 14 full cells, below the 64.9 V that ArduCopter was seen to
 send in place of 0 V."""
 
-ON_GROUND_HEIGHT = 0.5
-"""Height above home [m] below which the vehicle is on the ground, where nothing else says so: a
-choice."""
+FLYING_HEIGHT = 0.5
+"""Height above home [m] from which an armed vehicle flies, where nothing else says so: a choice."""
 
 STATE_TIMEOUT = 5.0
 """Age [s] above which a value that is sent again and again is forgotten: a choice, ten messages at
@@ -174,16 +173,17 @@ class Telemetry:
 
     @property
     def on_ground(self) -> bool | None:
-        """Whether it stands on the ground, by its height where nothing else says so.
+        """Whether it stands on the ground; None where that is not known, which is not the ground.
 
-        None where nothing is known: that is not the ground.
+        Where nothing else says so, height says that it flies, but not that it stands: it may be
+        in a valley below home.
         """
         if self.mode is None:
             return None
         if not self.armed:
             return True
         if self.landed is None and self.position is not None:
-            return self.position.height < ON_GROUND_HEIGHT
+            return False if self.position.height >= FLYING_HEIGHT else None
         return self.landed
 
     @property
