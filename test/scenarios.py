@@ -437,6 +437,21 @@ def the_link_is_cut_and_the_manager_is_dead(chain: Chain) -> None:
     chain.until_down_at(chain.mission.grid.base)
 
 
+def the_manager_is_dead_and_the_link_has_gaps(chain: Chain) -> None:
+    """However often the link is lost, it does not hold for ever."""
+    chain.want(0, 2, 0)
+    chain.until_flying()
+    chain.kill_manager()
+    end = chain.now + 60.0
+    while chain.mode != FlightMode.RTL:
+        assert chain.now < end, chain.report
+        chain.spend(6.0)
+        chain.cut()
+        chain.spend(5.0)
+        chain.mend()
+    chain.until_down_at(chain.mission.grid.base)
+
+
 def the_bridge_stands_still(chain: Chain) -> None:
     """For 20 s: what waits for it is old; it hears anew, then goes on."""
     chain.want(0, 2, 0)
@@ -637,6 +652,7 @@ SCENARIOS = (
     the_manager_dies,
     the_link_is_cut_in_flight,
     the_link_is_cut_and_the_manager_is_dead,
+    the_manager_is_dead_and_the_link_has_gaps,
     the_bridge_stands_still,
     a_hold_begins_on_a_wrong_position,
     the_first_leg_is_not_too_fast,

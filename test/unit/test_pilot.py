@@ -851,6 +851,21 @@ def test_a_manager_silent_while_the_vehicle_is_heard_anew_is_awaited_anew():
     assert SetMode(FlightMode.RTL) not in requests
 
 
+@pytest.mark.parametrize('gap', [None, {}])
+def test_a_dead_manager_is_not_awaited_for_ever_on_a_link_with_gaps(gap):
+    flight = Flight().order(COMMIT).airborne(50.0)
+    flight.step()
+    for _ in range(2):
+        _, step = silence(flight, 6.0)
+        assert step.phase is Phase.HOLDING
+        for _ in range(100):
+            flight.now += 0.05
+            telemetry = None if gap is None else replace(flight.telemetry, received=gap)
+            flight.pilot.update(telemetry, flight.now)
+    requests, step = silence(flight, 2.0)
+    assert (step.phase, requests[-1]) == (Phase.RETURNING, SetMode(FlightMode.RTL))
+
+
 def test_in_the_air_unknown_is_not_on_the_ground():
     flight = Flight().order(HOME).airborne(50.0)
     flight.step()

@@ -66,6 +66,7 @@ class Pilot:
         self._requests = Requests()
         self._task: FlightTask | None = None
         self._heard = self._awaited = -math.inf  # the manager's last command; awaited anew since
+        self._updated = -math.inf
         self._held = self._returning = ''  # why
         self._flight = TaskFlight(settings, self._requests)
         self._hold_point: Position | None = None
@@ -97,15 +98,15 @@ class Pilot:
 
     def update(self, telemetry: Telemetry | None, now: float) -> PilotOutput:
         """Return what to do now; `telemetry` is None while the link is lost."""
-        if telemetry is None:
-            # Nothing seen, nothing to take over; and the manager, without inputs, is silent.
+        last, self._updated = self._updated, now
+        if telemetry is None:  # Nothing seen, nothing to take over.
             self._flight.interrupt()
             self._arrived = None
             self._authority.link_lost()
-            self._await_manager(now)
+            self._excuse_manager(last, now)
             return NO_HEARTBEAT
         if telemetry.unheard:
-            self._await_manager(now)
+            self._excuse_manager(last, now)
             return PilotOutput(Phase.WAITING, f'not heard yet: {telemetry.unheard}')
         changed, given = self._authority.watch(telemetry, now)
         if given:
@@ -122,6 +123,12 @@ class Pilot:
     def _await_manager(self, now: float) -> None:
         """Count the manager's silence from now on, and hold here until it is heard."""
         self._awaited, self._hold_point = now, None
+
+    def _excuse_manager(self, last: float, now: float) -> None:
+        """Do not count its silence since `last`: while nothing is heard it has no inputs."""
+        since = max(self._heard, self._awaited)
+        silence = max(last - since, 0.0) if since > -math.inf else 0.0
+        self._awaited, self._hold_point = now - silence, None
 
     # On the ground, disarmed
 
@@ -170,19 +177,19 @@ class Pilot:
         if not self._settings.allow_arming:
             return self._needs_a_pilot(task)
         if telemetry.failsafe:
-            return PilotOutput(Phase.GROUND, f'{task.text}: the autopilot is in a failsafe')
+            return PilotOutput(Phase.BLOCKED, f'{task.text}: the autopilot is in a failsafe')
         if wrong := self._site.wrong_datum(position, position.altitude, 'the vehicle'):
             return PilotOutput(Phase.HOLDING, f'{task.text}: {wrong}')
         if telemetry.mode != FlightMode.GUIDED:
             return self._order(FlightMode.GUIDED, Phase.ARMING, task.text, telemetry, now)
         if telemetry.ready is False:
-            return PilotOutput(Phase.ARMING, f'{task.text}: the autopilot is not ready to arm')
+            return PilotOutput(Phase.BLOCKED, f'{task.text}: the autopilot is not ready to arm')
         self._authority.arm(now)
         return self._ask(Arm(), Phase.ARMING, task.text, now)
 
     def _needs_a_pilot(self, task: FlightTask) -> PilotOutput:
         return PilotOutput(
-            Phase.GROUND, f'{task.text}: allow_arming is false, a pilot must take off'
+            Phase.BLOCKED, f'{task.text}: allow_arming is false, a pilot must take off'
         )
 
     # Armed

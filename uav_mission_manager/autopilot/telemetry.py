@@ -30,7 +30,8 @@ MAX_BELIEVED_VOLTAGE = 62.0
 send in place of 0 V."""
 
 FLYING_HEIGHT = 0.5
-"""Height above home [m] from which an armed vehicle flies, where nothing else says so: a choice."""
+"""Height above home [m] from which an armed vehicle flies, where nothing else says so: a
+choice."""
 
 STATE_TIMEOUT = 5.0
 """Age [s] above which a value that is sent again and again is forgotten: a choice, ten messages at
