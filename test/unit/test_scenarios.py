@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scenarios import FLIGHT_ALTITUDE, SCENARIOS
-from simulated_chain import SimulatedChain
+from simulated_chain import SETTINGS, SimulatedChain
 
 from uav_mission_manager.autopilot.simulator.frames import MOTOR_FRAMES
 from uav_mission_manager.policy import load_policy
@@ -64,3 +65,46 @@ def test_refused_arming_is_said_in_its_words_and_asked_for_with_growing_pauses()
     chain.set('SIM_RC3', 1000)
     chain.until(lambda: chain.completed, 'goal completed', 180.0)
     assert not chain.report[0]
+
+
+def test_what_keeps_it_from_arming_is_said_in_the_words_of_the_autopilot():
+    chain = SimulatedChain(POLICY)
+    chain.until(lambda: chain.ready and chain.fault == 'nominal', 'ready')
+    chain.set('SIM_MAG1_FAIL', 1)
+    chain.spend(3.0)
+    assert not chain.report[0], 'nothing is commanded that needs it'
+    chain.want(1, 0, 0)
+    chain.until(lambda: 'PreArm: Compass not healthy' in chain.report[1], 'why')
+    assert chain.report[0]
+    chain.spend(60.0)
+    assert 'PreArm: Compass not healthy' in chain.report[1]
+    chain.set('SIM_MAG1_FAIL', 0)
+    chain.until(lambda: chain.completed, 'goal completed')
+    assert not chain.report[0]
+
+
+def test_without_allow_arming_the_operator_is_warned():
+    chain = SimulatedChain(POLICY, settings=replace(SETTINGS, allow_arming=False))
+    chain.until(lambda: chain.ready and chain.fault == 'nominal', 'ready')
+    chain.want(1, 0, 0)
+    chain.until(lambda: 'allow_arming is false' in chain.report[1], 'why')
+    assert chain.report[0]
+    assert chain.orders == []
+
+
+def test_two_batteries_that_disagree_are_told_and_the_worse_one_counts():
+    chain = SimulatedChain(POLICY)
+    chain.want(0, 2, 0)
+    chain.until_flying()
+    assert not chain.report[0]
+    second = mavlink.MAVLink_battery_status_message(
+        1, 0, 0, 32767, [12000] + [65535] * 9, -1, -1, -1, 4, 0, 1
+    )
+
+    def recharges() -> bool:
+        chain.forge(second)
+        return chain.command == 'recharge'
+
+    chain.until(recharges, 'recharge', 10.0)
+    assert chain.report[0]
+    assert 'batteries at 4% and 9' in chain.report[1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from uav_mission_manager.autopilot.faults import Fault, FaultEstimator
@@ -22,6 +23,16 @@ CAMERA_COMPONENT = 100
 
 WARNING_SEVERITY = 4
 """MAV_SEVERITY_WARNING: texts of this severity or worse (lower numbers) are logged as warnings."""
+
+PREARM_TIME = 35.0
+"""Time [s] for which a reason not to arm holds that is not said again: ArduCopter says it every
+30 s."""
+
+MAX_REASONS = 3
+"""Reasons not to arm that are told at a time, at most: a choice."""
+
+BATTERY_DISAGREEMENT = 0.2
+"""Difference of the charges of two batteries from which it is told: a choice."""
 
 WARNING_PHASES = (
     Phase.NO_LINK,
@@ -66,6 +77,7 @@ class VehicleBridge:
         self.telemetry = Telemetry()
         self.output: PilotOutput = NO_HEARTBEAT
         self._said: dict[str, str] = {}
+        self._reasons: dict[str, float] = {}  # not to arm, with the time [s] they were said
         self._log: list[tuple[bool, str]] = []
 
     def step(self, now: float) -> BridgeStep:
@@ -109,12 +121,12 @@ class VehicleBridge:
     def warnings(self) -> tuple[str, ...]:
         """What keeps the vehicle from flying as commanded, or may do so soon."""
         refused = (f'{name} refused: {why}' for name, why in self.link.refused.items())
-        failsafe = self.telemetry.failsafe and self.link.up
-        return (
-            *([self.link.rejected] if self.link.rejected else ()),
-            *(['the autopilot reports a failsafe'] if failsafe else ()),
-            *refused,
-        )
+        telemetry = self.telemetry
+        failsafe = 'the autopilot reports a failsafe' if telemetry.failsafe else ''
+        waits = self.output.phase is Phase.BLOCKED and not telemetry.armed
+        reasons = self._reasons if waits else ()
+        told = (self.link.rejected, failsafe, _battery_warning(telemetry), *refused, *reasons)
+        return tuple(filter(None, told))
 
     def _hear(self, now: float) -> None:
         messages = self.link.poll(now)
@@ -133,7 +145,11 @@ class VehicleBridge:
             if message.get_type() == 'STATUSTEXT':
                 warning = message.severity <= WARNING_SEVERITY
                 self._log.append((warning, f'autopilot: {message.text}'))
+                if message.text.startswith('PreArm: '):
+                    self._reasons[message.text] = now
         self.telemetry = forget(self.telemetry, now)
+        said = sorted(self._reasons.items(), key=lambda item: -item[1])[:MAX_REASONS]
+        self._reasons = {text: at for text, at in said if now - at <= PREARM_TIME}
 
     def _fly(self, now: float) -> PilotOutput:
         for answer in self.link.take_answers():
@@ -171,3 +187,17 @@ class VehicleBridge:
             return None
         camera_age = self.link.component_age(CAMERA_COMPONENT, now)
         return self.faults.update(self.telemetry, camera_age, now)
+
+
+def _battery_warning(telemetry: Telemetry) -> str:
+    """Say so where a battery is not what its charge says, '' where all is well."""
+    worst = telemetry.worst_battery
+    if worst is None or telemetry.battery is None:
+        return ''
+    if not worst.healthy:
+        return 'the autopilot calls a battery unhealthy: it counts as empty'
+    charges = [b.charge for b in (telemetry.battery, *telemetry.batteries.values())]
+    known = [charge for charge in charges if not math.isnan(charge)]
+    if known and max(known) - min(known) > BATTERY_DISAGREEMENT:
+        return f'batteries at {min(known):.0%} and {max(known):.0%}: the least counts'
+    return ''

@@ -131,7 +131,7 @@ class CommandExchange:
     Attributes
     ----------
     refused : dict of str to str
-        Why, by the command's name, until the same command is accepted.
+        Why, by the command's name, until the same command is accepted, or given up.
     """
 
     def __init__(self, transmit: Callable[[MavCommand, int], None]) -> None:
@@ -164,13 +164,16 @@ class CommandExchange:
         answers, self._answers = self._answers, []
         return answers
 
-    def cancel(self, *, keep: int | None = None) -> None:
-        """Forget what is under way, except for the sequence that began with command `keep`."""
-        self._pending = {n: pending for n, pending in self._pending.items() if n == keep}
+    def cancel(self) -> None:
+        """Forget what is under way and what was refused, except for requests of messages."""
+        kept = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
+        self._pending = {n: pending for n, pending in self._pending.items() if n == kept}
+        streams = short_name('MAV_CMD', kept)
+        self.refused = {n: why for n, why in self.refused.items() if n.startswith(streams)}
 
     def clear(self) -> None:
         """Forget what is under way and what was refused: the link was lost."""
-        self.cancel()
+        self._pending.clear()
         self.refused.clear()
         self._words.clear()
         self._refusal = None

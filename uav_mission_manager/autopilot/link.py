@@ -195,8 +195,8 @@ class AutopilotLink:
             self._exchange.send(commands, now)
 
     def cancel(self) -> None:
-        """Stop repeating commands; streams are asked for as before."""
-        self._exchange.cancel(keep=mavlink.MAV_CMD_SET_MESSAGE_INTERVAL)
+        """Give commands up, refused ones too; streams are asked for as before."""
+        self._exchange.cancel()
 
     def take_answers(self) -> list[Answer]:
         """Return the commands that ended since the last call."""
