@@ -319,6 +319,29 @@ def test_goal_states_come_at_1_hz_though_nothing_is_decided(ros: Ros, flight: Fl
     assert flight.commands == []
 
 
+def test_goal_states_come_before_the_command_that_follows_from_them(
+    ros: Ros, flight: Flight, manager: NodeProcess
+) -> None:
+    """Else the bridge might start motors for a goal that is not wanted any more."""
+    sent: dict[str, int] = {}
+
+    def goals(message: UInt8MultiArray, info: dict[str, int]) -> None:
+        sent.setdefault(str(list(message.data)), info['source_timestamp'])
+
+    def command(message: String, info: dict[str, int]) -> None:
+        sent.setdefault(message.data, info['source_timestamp'])
+
+    flight.ask([0, 2, 0])
+    flight.until_command('commit goal2 normal')
+    ros.node.create_subscription(UInt8MultiArray, 'goal_states', goals, qos.LATCHED)
+    ros.node.create_subscription(String, 'mission_command', command, qos.LATCHED)
+    ros.until(lambda: len(sent) == 2, 'what is latched')
+    flight.ask([0, 0, 0])
+    ros.until(lambda: len(sent) == 4, 'both anew')
+    first, second = list(sorted(sent, key=sent.__getitem__))[2:]
+    assert first == '[0, 0, 0]', second
+
+
 def test_a_position_in_another_frame_is_refused_once(
     ros: Ros, flight: Flight, manager: NodeProcess
 ) -> None:

@@ -95,6 +95,7 @@ class Manager(Node):
         self._outcome: Decision | Refusal = Refusal('no decision yet')
         self._standing: StandingCommand | None = None
         self._command: str | None = None
+        self._goals: tuple[int, ...] = ()
         self._silent_logged = False
         self._refused: dict[str, str] = {}
         self._create_outputs()
@@ -176,6 +177,9 @@ class Manager(Node):
         """
         if self._presence.silent:
             return
+        if repeat or self._situation.priorities != self._goals:  # Before what follows from them.
+            self._goals = self._situation.priorities
+            self._goals_out.publish(UInt8MultiArray(data=self._goals))
         now, before = self._now(), self._outcome
         outcome = decide(self._policy, self._situation, now, self._settings.input_timeout)
         if isinstance(outcome, Refusal):
@@ -219,7 +223,6 @@ class Manager(Node):
         )
         target = None if isinstance(self._outcome, Refusal) else self._outcome.action.destination
         self._decision_out.publish(DiagnosticArray(header=Header(stamp=stamp), status=[status]))
-        self._goals_out.publish(UInt8MultiArray(data=self._situation.priorities))
         self._markers_out.publish(reporting.markers(self._situation, target, stamp))
 
     def _diagnose(self) -> None:

@@ -151,12 +151,12 @@ class MavlinkBridge(Node):
         self._goal_completed = publisher(String, 'goal_completed', qos.EVENT)
         self._goal_refused = publisher(String, 'goal_refused', qos.EVENT)
         self._diagnostics = publisher(DiagnosticArray, '/diagnostics', qos.RELIABLE)
-        # The manager publishes the pose before the command. Where both have arrived, the
+        # The manager publishes goals and pose before the command. Where all have arrived, the
         # subscription made first is served first.
         inputs: tuple[tuple[Any, str, Any], ...] = (
+            (UInt8MultiArray, 'goal_states', self._on_goals),
             (PoseStamped, 'command_pose', self._on_pose),
             (String, 'mission_command', self._on_command),
-            (UInt8MultiArray, 'goal_states', self._on_goals),
         )
         for kind, topic, callback in inputs:
             self.create_subscription(
