@@ -338,7 +338,7 @@ def test_goal_states_come_before_the_command_that_follows_from_them(
     ros.until(lambda: len(sent) == 2, 'what is latched')
     flight.ask([0, 0, 0])
     ros.until(lambda: len(sent) == 4, 'both anew')
-    first, second = list(sorted(sent, key=sent.__getitem__))[2:]
+    first, second = sorted(sent, key=sent.__getitem__)[2:]
     assert first == '[0, 0, 0]', second
 
 
