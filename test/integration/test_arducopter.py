@@ -139,6 +139,21 @@ def test_five_seconds_without_gps(chain: RealChain) -> None:
     assert chain.ordered_blindly == []
 
 
+def test_without_gps_the_failsafe_lands(chain: RealChain) -> None:
+    chain.want(0, 2, 0)
+    chain.until_flying()
+    chain.set('SIM_GPS1_ENABLE', 0)
+    chain.until(lambda: chain.mode == FlightMode.LAND, 'landing', 30.0)
+    orders = len(chain.orders)
+    chain.until(lambda: chain.phase == 'pilot in command', 'pilot in command', 5.0)
+    assert 'failsafe' in chain.report[1]
+    chain.until(lambda: not chain.armed, 'landed')
+    chain.set('SIM_GPS1_ENABLE', 1)
+    chain.until(lambda: chain.fault == 'nominal', 'GPS back')
+    chain.spend(10.0)
+    assert (chain.orders[orders:], chain.ordered_blindly) == ([], [])
+
+
 @pytest.mark.parametrize(
     ('latitude', 'longitude', 'altitude'),
     [(60.0, 10.0, 3500.0), (0.0005, 9.0, 20.0)],
