@@ -140,9 +140,8 @@ def test_from_the_ground_guided_then_arm_then_take_off_then_go():
     [
         {'mode': FlightMode.STABILIZE},
         {'mode': FlightMode.GUIDED},
-        {'mode': FlightMode.GUIDED, 'armed': True},
     ],
-    ids=['mode', 'arm', 'take-off'],
+    ids=['mode', 'arm'],
 )
 def test_a_request_is_repeated_until_telemetry_shows_it_done(telemetry):
     flight = Flight(**telemetry).order(COMMIT)
@@ -743,6 +742,17 @@ def test_a_return_that_is_not_flown_is_asked_for_again():
     assert requests.count(SetMode(FlightMode.RTL)) == 3
 
 
+def test_held_in_the_air_after_a_return_it_says_until_when():
+    flight = Flight().order(COMMIT).airborne(50.0)
+    silence(flight, 20.0)
+    flight.set(mode=FlightMode.RTL).step()
+    flight.set(armed=False, landed=True).at(0.0, height=0.0).step()
+    flight.set(mode=FlightMode.LOITER, armed=True).step()
+    step = flight.airborne().step()
+    assert step.phase is Phase.HOLDING
+    assert step.status == 'until ~/resume; returned to launch: the manager is silent'
+
+
 def test_resume_ends_a_return_and_waits_for_the_manager_anew():
     flight = Flight().order(COMMIT).airborne(50.0)
     silence(flight, 14.0)
@@ -817,6 +827,16 @@ def test_motors_started_here_are_stopped_when_no_goal_is_wanted_any_more():
     flight.set(armed=True)
     flight.pilot.goals_wanted = False
     assert flight.step().requests == (SetMode(FlightMode.LAND),)
+
+
+def test_motors_that_are_being_stopped_are_left_to_it():
+    flight = Flight(mode=FlightMode.GUIDED).order(COMMIT)
+    flight.step()
+    flight.set(armed=True).step()
+    flight.order(RECHARGE).pilot.goals_wanted = False
+    assert flight.step().requests == (SetMode(FlightMode.LAND),)
+    requests, _, step = flight.set(mode=FlightMode.LAND).run(20.0)
+    assert (step.phase, requests) == (Phase.GROUND, [])
 
 
 @pytest.mark.parametrize(('task', 'flies'), [(COMMIT, True), (REPAIR, False), (HOME, False)])
@@ -964,6 +984,36 @@ def test_home_must_agree_with_the_mission_file_and_take_off_ends_at_its_altitude
     step = take_off(-20.0)
     assert (step.phase, step.requests) == (Phase.HOLDING, (SetMode(FlightMode.LAND),))
     assert 'home is 20 m below the mission' in step.status
+
+
+def held_on_the_ground(flight: Flight, why: str) -> None:
+    step = flight.step()
+    assert (step.phase, step.requests) == (Phase.HOLDING, (SetMode(FlightMode.LAND),))
+    assert flight.set(mode=FlightMode.LAND).run(5.0)[0] == []
+    requests, _, step = flight.set(armed=False).run(60.0)
+    assert (step.phase, requests) == (Phase.HOLDING, [])
+    assert why in step.status
+    assert '~/resume' in step.status
+    flight.pilot.resume(flight.now)
+    assert flight.step().requests == (SetMode(FlightMode.GUIDED),)
+
+
+def test_for_a_wrong_home_motors_are_not_started_again_and_again():
+    flight = Flight(mode=FlightMode.GUIDED).order(COMMIT)
+    flight.step()
+    flight.home = -20.0
+    held_on_the_ground(flight.set(armed=True), 'home is 20 m below the mission')
+
+
+def test_a_take_off_that_leads_nowhere_is_given_up():
+    flight = Flight(mode=FlightMode.GUIDED).order(COMMIT)
+    flight.step()
+    requests, _, step = flight.set(armed=True).run(SETTINGS.progress_timeout - 1.0)
+    assert step.phase is Phase.TAKE_OFF
+    assert [type(request) for request in requests] == 4 * [TakeOff]
+    flight.pilot.answered(TakeOff, False, 'FAILED: too heavy')
+    flight.now += 2.0
+    held_on_the_ground(flight, 'no take-off in 30 s: FAILED: too heavy')
 
 
 def test_too_fast_it_is_told_its_speed_again():

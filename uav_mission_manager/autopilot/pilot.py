@@ -38,8 +38,8 @@ MIN_HOLD_HEIGHT = 3.0
 NO_POSITION_TO_HOLD = 'no position to hold; what happens is up to the autopilot and its failsafes'
 """What the pilot says where it should hold and cannot."""
 
-ON_THE_GROUND = 'on the ground until ~/resume'
-"""What the pilot says where it is held on the ground."""
+UNTIL_RESUME = 'until ~/resume'
+"""For how long the pilot holds, where it was told to or something has gone wrong."""
 
 
 class Pilot:
@@ -66,7 +66,7 @@ class Pilot:
         self._requests = Requests()
         self._task: FlightTask | None = None
         self._heard = self._awaited = -math.inf  # the manager's last command; awaited anew since
-        self._updated = -math.inf
+        self._updated = self._take_off_at = -math.inf
         self._held = self._returning = ''  # why
         self._flight = TaskFlight(settings, self._requests)
         self._hold_point: Position | None = None
@@ -84,7 +84,7 @@ class Pilot:
 
     def hold(self) -> None:
         """Hold position, or stay on the ground, until `resume`."""
-        self._held, self._returning, self._hold_point = 'until ~/resume', '', None
+        self._held, self._returning, self._hold_point = UNTIL_RESUME, '', None
 
     def resume(self, now: float) -> None:
         """Take command again, whatever the mode is; a silent manager is awaited anew."""
@@ -130,6 +130,10 @@ class Pilot:
         silence = max(last - since, 0.0) if since > -math.inf else 0.0
         self._awaited, self._hold_point = now - silence, None
 
+    @property
+    def _why_held(self) -> str:
+        return UNTIL_RESUME if self._held == UNTIL_RESUME else f'{UNTIL_RESUME}; {self._held}'
+
     # On the ground, disarmed
 
     def _stand(self, telemetry: Telemetry, now: float) -> PilotOutput:
@@ -137,8 +141,7 @@ class Pilot:
         if self._returning:
             self._held, self._returning = f'returned to launch: {self._returning}', ''
         if self._held:
-            why = '' if self._held == 'until ~/resume' else f'; {self._held}'
-            return PilotOutput(Phase.HOLDING, f'{ON_THE_GROUND}{why}')
+            return PilotOutput(Phase.HOLDING, f'on the ground {self._why_held}')
         if task is None:
             return PilotOutput(Phase.GROUND, 'no mission command yet')
         if position is None:  # It silences the manager too.
@@ -205,7 +208,7 @@ class Pilot:
         if self._returning:
             return self._return(telemetry, now)
         if self._held:
-            return self._hold(telemetry, self._held, now)
+            return self._hold(telemetry, self._why_held, now)
         if self._task is None or now - self._heard > self._settings.manager_timeout:
             return self._without_manager(telemetry, now)
         return self._fly(self._task, telemetry, now)
@@ -220,6 +223,8 @@ class Pilot:
         landing = task.land and telemetry.mode == FlightMode.LAND
         if landing and self._site.there(task, position):
             return PilotOutput(Phase.LANDING, task.text)
+        if telemetry.on_ground and (stays := self._may_stay(task, position)):
+            return self._stop_motors(Phase.GROUND, stays, telemetry, now)
         if telemetry.mode != FlightMode.GUIDED:
             return self._order(FlightMode.GUIDED, Phase.EN_ROUTE, task.text, telemetry, now)
         if telemetry.on_ground:
@@ -236,15 +241,24 @@ class Pilot:
         self, task: FlightTask, telemetry: Telemetry, position: Position, now: float
     ) -> PilotOutput:
         """Armed on the ground in GUIDED: take off, or stop the motors that this pilot started."""
-        if stays := self._may_stay(task, position):
-            return self._stop_motors(Phase.GROUND, stays, telemetry, now)
         if not self._settings.allow_arming:
             return self._needs_a_pilot(task)
         if wrong := self._site.wrong_datum(position, position.home_altitude, 'home'):
-            return self._stop_motors(Phase.HOLDING, f'{task.text}: {wrong}', telemetry, now)
-        self._flight.taking_off = True
+            return self._stay_down(f'{task.text}: {wrong}', telemetry, now)
+        if not self._flight.taking_off:
+            self._flight.taking_off, self._take_off_at = True, now
+        patience = self._settings.progress_timeout
+        if now - self._take_off_at > patience:
+            _, why = self._requests.refusals(TakeOff)
+            why = f'no take-off in {patience:.0f} s' + (f': {why}' if why else '')
+            return self._stay_down(f'{task.text}: {why}', telemetry, now)
         take_off = TakeOff(task.cruise_altitude - position.home_altitude)
         return self._ask(take_off, Phase.TAKE_OFF, task.text, now)
+
+    def _stay_down(self, why: str, telemetry: Telemetry, now: float) -> PilotOutput:
+        """Stop the motors, and start them for nothing but `resume`."""
+        self._held = why
+        return self._stop_motors(Phase.HOLDING, self._why_held, telemetry, now)
 
     def _stop_motors(
         self, phase: Phase, why: str, telemetry: Telemetry, now: float
