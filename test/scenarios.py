@@ -359,6 +359,22 @@ def radio_control_is_lost_and_guided_goes_on(chain: Chain) -> None:
     chain.until(lambda: chain.completed, 'goal completed')
 
 
+def the_battery_turns_critical_in_a_landing(chain: Chain) -> None:
+    """In a failsafe already, and in LAND: nothing but the landing going on shows the new one."""
+    chain.set('FS_OPTIONS', 4)
+    chain.want(1, 0, 0)
+    chain.until_flying()
+    chain.set('SIM_RC_FAIL', 1)
+    chain.until(lambda: chain.phase == 'landing' and chain.height < 12.0, 'landing')
+    chain.set('BATT_FS_CRT_ACT', 1)
+    chain.set('BATT_CRT_VOLT', 10.4)
+    chain.set('SIM_BATT_VOLTAGE', 10.0)
+    begin = len(chain.track)
+    chain.until(lambda: not chain.armed, 'landed', 60.0)
+    assert max(sample.height for sample in chain.track[begin:]) < 13.0
+    assert chain.distance(chain.mission.grid.base) < 10.0
+
+
 def a_pilot_takes_over_and_gives_back(chain: Chain) -> None:
     """Any mode that was not ordered ends the commanding until ~/resume."""
     chain.want(0, 2, 0)
@@ -648,6 +664,7 @@ SCENARIOS = (
     a_goal_is_wanted_of_a_vehicle_without_position,
     a_battery_warning_is_no_takeover,
     radio_control_is_lost_and_guided_goes_on,
+    the_battery_turns_critical_in_a_landing,
     a_pilot_takes_over_and_gives_back,
     the_manager_dies,
     the_link_is_cut_in_flight,

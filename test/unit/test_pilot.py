@@ -297,6 +297,17 @@ def test_landing_is_broken_off_for_a_new_destination():
     assert flight.step().requests == (fly_to(COMMIT),), 'GUIDED anew has forgotten its target'
 
 
+def test_a_landing_in_a_failsafe_is_broken_off_by_resume_only():
+    flight = Flight().order(HOME).airborne().set(failsafe=True)
+    assert flight.step().requests == (SetMode(FlightMode.LAND),)
+    flight.set(mode=FlightMode.LAND).step()
+    requests, _, step = flight.order(COMMIT).run(10.0)
+    assert (step.phase, requests) == (Phase.LANDING, [])
+    assert 'failsafe' in step.status
+    flight.pilot.resume(flight.now)
+    assert flight.step().requests == (SetMode(FlightMode.GUIDED),)
+
+
 def test_landed_at_the_service_cell_it_takes_off_for_home():
     flight = Flight(mode=FlightMode.GUIDED).at(50.0, height=0.0).order(HOME)
     assert flight.step().requests == (Arm(),)

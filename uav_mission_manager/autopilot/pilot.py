@@ -68,6 +68,7 @@ class Pilot:
         self._heard = self._awaited = -math.inf  # the manager's last command; awaited anew since
         self._updated = self._take_off_at = -math.inf
         self._held = self._returning = ''  # why
+        self._landing = False  # in LAND, by an order from here
         self._flight = TaskFlight(settings, self._requests)
         self._hold_point: Position | None = None
         self._arrived: float | None = None  # at the service cell, on the ground
@@ -89,6 +90,7 @@ class Pilot:
     def resume(self, now: float) -> None:
         """Take command again, whatever the mode is; a silent manager is awaited anew."""
         self._held = self._returning = ''
+        self._landing = False
         self._authority.resume()
         self._await_manager(now)
 
@@ -223,6 +225,9 @@ class Pilot:
         landing = task.land and telemetry.mode == FlightMode.LAND
         if landing and self._site.there(task, position):
             return PilotOutput(Phase.LANDING, task.text)
+        if self._landing and telemetry.failsafe and telemetry.mode == FlightMode.LAND:
+            # It may have turned critical since, which the mode would not show.
+            return PilotOutput(Phase.LANDING, 'it goes on, for the autopilot is in a failsafe')
         if telemetry.on_ground and (stays := self._may_stay(task, position)):
             return self._stop_motors(Phase.GROUND, stays, telemetry, now)
         if telemetry.mode != FlightMode.GUIDED:
@@ -305,6 +310,7 @@ class Pilot:
     def _order(
         self, mode: FlightMode, phase: Phase, why: str, telemetry: Telemetry, now: float
     ) -> PilotOutput:
+        self._landing = mode == FlightMode.LAND
         self._authority.order(mode, telemetry.mode, now)
         return self._ask(SetMode(mode), phase, why, now)
 
