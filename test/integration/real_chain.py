@@ -248,7 +248,13 @@ class RealChain(Chain):
 
     def until_ready(self) -> None:
         """Wait until nodes and autopilot are up."""
-        self.until(lambda: self.ready and self.located and self.phase, 'ready', BOOT_LIMIT)
+
+        def up() -> bool:
+            ended = [p.output for p in self.ros.processes if p.process.poll() is not None]
+            assert not ended, ended[0]
+            return bool(self.ready and self.located and self.phase)
+
+        self.until(up, 'ready', BOOT_LIMIT)
 
     def close(self) -> None:
         """End autopilot and wire; the nodes end with the ROS domain."""
