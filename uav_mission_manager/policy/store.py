@@ -3,24 +3,27 @@
 The manifest holds the schema version, the whole mission and its hash, the method, the plan of
 Algorithm 1 with its map phi, and for each sub-MDP what it is, how well it is solved and the
 SHA-256 of its arrays; `digest` is the SHA-256 of all the rest of the manifest. There is no date,
-so the same mission gives the same bytes. A set is written beside its place and renamed into it,
-never half-written.
+so the same mission gives the same bytes. A set takes its place in one step, and what was verified
+of it is what is used, whatever happens to its files afterwards.
 """
 
 from __future__ import annotations
 
 import hashlib
+import io
 import json
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uav_mission_manager.mdp import Mission, MissionError, mission_from_dict
 from uav_mission_manager.mdp.arrays import AnyArray
 from uav_mission_manager.policy.certificate import Certificate
+from uav_mission_manager.policy.private_copy import CHUNK_BYTES, private_copy
+from uav_mission_manager.policy.replacement import taking_the_place_of
 from uav_mission_manager.solver.bounds import LowerBound
 from uav_mission_manager.solver.decomposition.plan import Plan
 from uav_mission_manager.solver.exact import Solution
@@ -36,8 +39,8 @@ MANIFEST_FILE = 'manifest.json'
 SOLUTION_ARRAYS = {'value': ('float64', 'float32'), 'actions': ('uint8',)}
 """Arrays of a solution that are stored, and the types that each may have."""
 
-HASH_CHUNK_BYTES = 1 << 20
-"""Bytes of a file that are hashed at a time: 1 MiB, a choice."""
+MAX_HEADER_BYTES = 10 + 0xFFFF
+"""Bytes before the numbers of an `.npy` file of version 1.0, at most."""
 
 FLOAT_TYPES = ('float32', 'float64')
 EXPANSION_FIELDS = ('points', 'iterations', 'spread', 'converged', 'fresh_residual')
@@ -71,36 +74,43 @@ def write_policy_set(contents: PolicySet, directory: Path) -> str:
     PolicyError
         If the place holds something that is no policy set, or cannot be written.
     """
-    if directory.exists() and not _replaceable(directory):
-        raise PolicyError(f'{directory}: exists and is no policy set; not overwritten')
     try:
-        directory.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=directory.parent, prefix='.policy-') as scratch:
-            fresh = Path(scratch, 'fresh')
-            fresh.mkdir()
-            digest = _write(contents, fresh)
-            replaced = Path(scratch, 'replaced')
-            if directory.exists():
-                directory.rename(replaced)
-            try:
-                fresh.rename(directory)
-            except OSError:
-                if replaced.exists():
-                    replaced.rename(directory)
-                raise
+        if directory.exists() and not _replaceable(directory):
+            raise PolicyError(f'{directory}: exists and is no policy set; not overwritten')
+        with taking_the_place_of(directory) as fresh:
+            return _write(contents, fresh)
     except OSError as error:
         raise PolicyError(f'{directory}: cannot be written: {error}') from error
-    return digest
 
 
 def read_policy_set(directory: Path) -> tuple[PolicySet, str]:
-    """Read and check a policy set, and its digest; the arrays are memory-mapped.
+    """Read and check a policy set, and its digest; its files are not used any more afterwards.
 
     Raises
     ------
     PolicyError
         At a wrong schema, hash, shape or mission.
     """
+    while True:
+        before = _identity(directory)
+        try:
+            return _read(directory)
+        except PolicyError:
+            # Replaced meanwhile: files of two sets do not fit together, and the new one is whole.
+            if _identity(directory) == before:
+                raise
+
+
+def _identity(directory: Path) -> tuple[int, ...]:
+    """What differs between a directory and one that has taken its place; empty without any."""
+    try:
+        found = directory.stat()
+    except OSError:
+        return ()
+    return found.st_dev, found.st_ino, found.st_ctime_ns
+
+
+def _read(directory: Path) -> tuple[PolicySet, str]:
     place = directory / MANIFEST_FILE
     manifest = _read_manifest(place)
     try:
@@ -224,7 +234,7 @@ def _read_certificate(directory: Path, mission: Mission, part: dict[str, Any]) -
 def _sha256(file: Path) -> str:
     digest = hashlib.sha256()
     with file.open('rb') as stream:
-        while chunk := stream.read(HASH_CHUNK_BYTES):
+        while chunk := stream.read(CHUNK_BYTES):
             digest.update(chunk)
     return digest.hexdigest()
 
@@ -270,11 +280,22 @@ def _read_array(
 ) -> AnyArray:
     file = directory / entry['file']
     try:
-        if _sha256(file) != entry['sha256']:
-            raise PolicyError(f'{file}: sha256: does not match the manifest; the file was altered')
-        array = np.load(file, mmap_mode='r', allow_pickle=False)
+        content, digest = private_copy(file)
     except OSError as error:
         raise PolicyError(f'{file}: cannot be read: {error}') from error
+    if digest != entry['sha256']:
+        raise PolicyError(f'{file}: sha256: does not match the manifest; the file was altered')
+    array = _as_array(content)
     if array.shape != shape or array.dtype not in types:
         raise PolicyError(f'{file}: {array.dtype} {array.shape} is not {types[0]} {shape}')
-    return np.asarray(array)
+    return array
+
+
+def _as_array(content: NDArray[np.uint8]) -> AnyArray:
+    """Look at an `.npy` file's bytes as its array. Raises `ValueError`."""
+    head = io.BytesIO(content[:MAX_HEADER_BYTES].tobytes())
+    if np.lib.format.read_magic(head) != (1, 0):
+        raise ValueError('version of .npy: is not 1.0')
+    shape, fortran, dtype = np.lib.format.read_array_header_1_0(head)
+    numbers = np.asarray(content)[head.tell() :].view(dtype)
+    return numbers.reshape(shape, order='F' if fortran else 'C')
