@@ -108,3 +108,17 @@ def test_two_batteries_that_disagree_are_told_and_the_worse_one_counts():
     chain.until(recharges, 'recharge', 10.0)
     assert chain.report[0]
     assert 'batteries at 4% and 9' in chain.report[1]
+
+
+def test_a_hold_that_cannot_begin_yet_says_so_and_begins():
+    chain = SimulatedChain(POLICY)
+    chain.want(0, 2, 0)
+    chain.until_flying()
+    chain.cut()
+    chain.spend(5.0)
+    chain.mend()
+    chain.until(lambda: chain.phase == 'waiting', 'waiting')
+    done, why = chain.hold()
+    assert not done
+    assert 'holds when there is one' in why
+    chain.until(lambda: chain.phase == 'holding', 'holding', 5.0)

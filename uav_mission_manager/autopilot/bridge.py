@@ -105,7 +105,7 @@ class VehicleBridge:
         if not self.link.up:
             return False, f'{self.output.status}; holds when it is back'
         if self.telemetry.on_ground is not True and self.telemetry.fix(now) is None:
-            return False, NO_POSITION_TO_HOLD
+            return False, f'{NO_POSITION_TO_HOLD}; holds when there is one'
         return True, 'holds until ~/resume'
 
     def resume(self, now: float) -> tuple[bool, str]:
