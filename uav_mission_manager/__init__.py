@@ -1,6 +1,19 @@
 """Mission decisions for a UAV from Markov decision processes solved before flight."""
 
-from uav_mission_manager.mdp import load_mission
-from uav_mission_manager.policy import build_policy, load_policy
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from uav_mission_manager.mdp import load_mission
+    from uav_mission_manager.policy import build_policy, load_policy
 
 __all__ = ['build_policy', 'load_mission', 'load_policy']
+
+
+def __getattr__(name: str) -> Any:
+    """Import what is asked for: a node watches for signals before the slow imports."""
+    if name not in __all__:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    return getattr(import_module(f'{__name__}.{"mdp" if "mission" in name else "policy"}'), name)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 from pathlib import Path
 
 
@@ -22,3 +24,20 @@ def share_directory() -> Path:
         if (candidate / 'package.xml').is_file():
             return candidate
     raise FileNotFoundError(f'{package} has neither package.xml beside it nor a share folder')
+
+
+def expanded(text: str) -> Path:
+    """Return the path that a shell would make of `text`: with `~` and `$VARIABLE` replaced.
+
+    Raises
+    ------
+    ValueError
+        There is no such variable or no such home directory.
+    """
+    path = os.path.expandvars(text)
+    if unset := re.search(r'\$(\w+|{\w+})', path):
+        raise ValueError(f'{text}: the environment variable {unset[0]} is not set')
+    path = os.path.expanduser(path)
+    if path.startswith('~'):
+        raise ValueError(f'{text}: no home directory is known for {path.partition("/")[0]}')
+    return Path(path)

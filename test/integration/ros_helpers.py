@@ -25,6 +25,15 @@ from std_srvs.srv import Trigger
 
 ROOT = Path(__file__).resolve().parents[2]
 ONE_OF_A_KIND = 'nodes.manager', 'nodes.base_station', 'nodes.mavlink_bridge'
+CASE_STUDY = {
+    'nodes.manager': f'policy:={ROOT}/policies/case_study',
+    **dict.fromkeys(
+        ('nodes.base_station', 'nodes.mavlink_bridge', 'nodes.solver'),
+        f'mission:={ROOT}/config/case_study.yaml',
+    ),
+}
+"""Parameters that nodes need, for the shipped mission."""
+
 LIMIT = 60.0
 """Seconds before a condition that never comes true fails the test."""
 
@@ -106,8 +115,12 @@ class Ros:
     def start(self, module: str, *args: str, **env: str) -> NodeProcess:
         """Start a node: a module below uav_mission_manager, e.g. `nodes.manager`.
 
-        One of which there may be one does not listen for another unless `args` say so.
+        Unless `args` say otherwise it has the shipped mission, and one of which there may be one
+        does not listen for another.
         """
+        needed = CASE_STUDY.get(module)
+        if needed and not any(word.startswith(needed.partition('=')[0]) for word in args):
+            args += '--ros-args', '-p', needed
         if module in ONE_OF_A_KIND and not any('listening_time' in word for word in args):
             args += '--ros-args', '-p', 'listening_time:=0.0'
         process = NodeProcess(

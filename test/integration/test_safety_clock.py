@@ -15,13 +15,17 @@ REPEATED = [
     ('mavlink_bridge', '/diagnostics', DiagnosticArray, qos.RELIABLE),
     ('base_station', 'goal_priorities', UInt8MultiArray, qos.STATE_IN),
 ]
-ARGUMENTS = ('-p', 'priorities:=[1, 0, 0]', '-p', 'connection:=udpin:127.0.0.1:0')
+ARGUMENTS = {
+    'manager': (),
+    'mavlink_bridge': ('-p', 'connection:=udpin:127.0.0.1:0'),
+    'base_station': ('-p', 'priorities:=[1, 0, 0]'),
+}
 
 
 @pytest.mark.parametrize(('node', 'topic', 'kind', 'profile'), REPEATED)
 def test_a_node_goes_on_when_ros_time_goes_back_and_stands(ros: Ros, node, topic, kind, profile):
     messages = ros.listen(topic, kind, profile)
-    ros.start(f'nodes.{node}', '--ros-args', *ARGUMENTS)
+    ros.start(f'nodes.{node}', '--ros-args', *ARGUMENTS[node])
     ros.until(lambda: messages, f'{topic} of {node}')
     assert ros.set_parameter(node, 'use_sim_time', True).successful
     count = len(messages)
@@ -31,7 +35,7 @@ def test_a_node_goes_on_when_ros_time_goes_back_and_stands(ros: Ros, node, topic
 @pytest.mark.parametrize(('node', 'topic', 'kind', 'profile'), REPEATED)
 def test_simulated_time_set_at_the_start_is_followed(ros: Ros, node, topic, kind, profile):
     messages = ros.listen(topic, kind, profile)
-    ros.start(f'nodes.{node}', '--ros-args', '-p', 'use_sim_time:=true', *ARGUMENTS)
+    ros.start(f'nodes.{node}', '--ros-args', '-p', 'use_sim_time:=true', *ARGUMENTS[node])
     count = len(messages) + 2  # The base station speaks once before any timer.
     ros.spin(5.0)
     assert len(messages) < count

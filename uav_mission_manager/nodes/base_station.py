@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import uuid
 from collections.abc import Sequence
+from dataclasses import replace
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
@@ -16,13 +17,20 @@ from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.parameters import NodeParameter, declare
 from uav_mission_manager.nodes.presence import LISTENING, Presence
 from uav_mission_manager.nodes.runtime import run_node, safety_clock
-from uav_mission_manager.paths import share_directory
 
 PARAMETERS = (
-    NodeParameter('mission', '', 'Mission file; empty is the shipped case study'),
+    NodeParameter('mission', '', 'Mission file', path=True, example='config/case_study.yaml'),
     NodeParameter('rate', 1.0, 'Repetition rate [Hz]', 0.1, 20.0),
     LISTENING,
 )
+
+PRIORITIES = NodeParameter(
+    'priorities',
+    [0],
+    'Priority of each goal in mission order: 0 none, 1 low, 2 high',
+    read_only=False,
+)
+"""Live parameter; its default is as many zeros as there are goals."""
 
 
 class BaseStation(Node):
@@ -34,15 +42,9 @@ class BaseStation(Node):
 
     def __init__(self) -> None:
         super().__init__('base_station')
-        settings = declare(self, PARAMETERS)
-        path = settings.mission or share_directory() / 'config' / 'case_study.yaml'
-        self._goals = tuple(goal.name for goal in load_mission(path).goals)
-        row = NodeParameter(
-            'priorities',
-            [0] * len(self._goals),
-            'Priority of each goal in mission order: 0 none, 1 low, 2 high',
-            read_only=False,
-        )
+        settings = declare(self, PARAMETERS, later=(PRIORITIES,))
+        self._goals = tuple(goal.name for goal in load_mission(settings.mission).goals)
+        row = replace(PRIORITIES, default=[0] * len(self._goals))
         priorities = declare(self, (row,)).priorities
         reason = self._fault_in(priorities)
         if reason:
@@ -111,7 +113,7 @@ class BaseStation(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run_node(BaseStation, PARAMETERS, args)
+    return run_node(BaseStation, (*PARAMETERS, PRIORITIES), args)
 
 
 if __name__ == '__main__':

@@ -32,14 +32,15 @@ from uav_mission_manager.onboard import (
     dwell,
     format_command,
 )
-from uav_mission_manager.paths import share_directory
 from uav_mission_manager.policy import Decision, load_policy
 
 Change = Callable[[Situation, Any, float], Situation]
 """How a message received at a time [s] changes the situation; raises `InputError`."""
 
 PARAMETERS = (
-    NodeParameter('policy', '', 'Directory of the policy set; empty is the shipped case study'),
+    NodeParameter(
+        'policy', '', 'Directory of the policy set', path=True, example='policies/case_study'
+    ),
     NodeParameter(
         'input_timeout',
         3.0,
@@ -89,7 +90,7 @@ class Manager(Node):
         super().__init__('manager')
         self._settings = declare(self, PARAMETERS)
         self._timer_clock = safety_clock(self)
-        self._path = self._settings.policy or str(share_directory() / 'policies' / 'case_study')
+        self._path = self._settings.policy
         self._policy = load_policy(self._path)
         self._situation = Situation(self._policy.mission, self._settings.range_hysteresis)
         self._outcome: Decision | Refusal = Refusal('no decision yet')

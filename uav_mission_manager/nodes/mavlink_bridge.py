@@ -30,7 +30,6 @@ from uav_mission_manager.nodes.presence import LISTENING, Presence
 from uav_mission_manager.nodes.reporting import status
 from uav_mission_manager.nodes.runtime import run_node, safety_clock
 from uav_mission_manager.onboard import parse_command
-from uav_mission_manager.paths import share_directory
 
 POLL_PERIOD = 0.05
 """Time [s] between two looks at the link, and two steps of the pilot: a choice, 20 Hz."""
@@ -48,7 +47,7 @@ def _flight(name: str, description: str, minimum: float, maximum: float) -> Node
 
 
 PARAMETERS = (
-    NodeParameter('mission', '', 'Mission file; empty is the shipped case study'),
+    NodeParameter('mission', '', 'Mission file', path=True, example='config/case_study.yaml'),
     NodeParameter('connection', 'udpin:127.0.0.1:14550', 'pymavlink connection string'),
     NodeParameter('source_system', 1, 'MAVLink system id of the bridge', 1, 255),
     NodeParameter('source_component', 191, 'MAVLink component id of the bridge', 1, 255),
@@ -105,13 +104,12 @@ class MavlinkBridge(Node):
     def __init__(self) -> None:
         super().__init__('mavlink_bridge')
         p = declare(self, PARAMETERS)
-        path = p.mission or share_directory() / 'config' / 'case_study.yaml'
         self._safety_clock = safety_clock(self)
-        self._mission = load_mission(path)
+        self._mission = load_mission(p.mission)
         try:
             self._plan = FlightPlan(self._mission, p.flight_altitude)
         except ValueError as error:
-            raise ValueError(f'{path}: {error}') from error
+            raise ValueError(f'{p.mission}: {error}') from error
         self._command_timeout = p.manager_timeout
         grid = self._mission.grid
         settings = Settings(

@@ -17,10 +17,30 @@ from rcl_interfaces.msg import (
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 
+from uav_mission_manager.nodes.overrides import refuse_unknown
+from uav_mission_manager.paths import expanded, share_directory
+
 
 @dataclass(frozen=True)
 class NodeParameter:
-    """One row of a node's table; `minimum` and `maximum` are inclusive and come together."""
+    """One row of a node's table.
+
+    Attributes
+    ----------
+    name : str
+    default : object
+        Its type is the parameter's.
+    description : str
+        With the unit in brackets.
+    minimum, maximum : float, optional
+        The range, inclusive; they come together.
+    read_only : bool
+        Whether it can be given at the start only.
+    path : bool
+        Whether it is a path, in which `~` and `$VARIABLE` are replaced.
+    example : str
+        A shipped file or directory; with it the parameter has no default and must be given.
+    """
 
     name: str
     default: Any
@@ -28,6 +48,8 @@ class NodeParameter:
     minimum: float | None = None
     maximum: float | None = None
     read_only: bool = True
+    path: bool = False
+    example: str = ''
 
     def descriptor(self) -> ParameterDescriptor:
         """Return what `ros2 param describe` shows; rclpy enforces the range."""
@@ -46,24 +68,55 @@ class NodeParameter:
             ]
         return message
 
+    def checked(self, value: Any) -> Any:
+        """Return a value as the node shall use it.
 
-def declare(node: Node, table: tuple[NodeParameter, ...]) -> SimpleNamespace:
+        Raises
+        ------
+        ValueError
+            One line naming the parameter: NaN, no value, or a path that cannot be.
+        """
+        if self.example and not value:
+            raise ValueError(
+                f'parameter {self.name}: not given; give it as '
+                f'--ros-args -p {self.name}:={share_directory() / self.example} '
+                f'for the shipped example'
+            )
+        if value is None:
+            raise ValueError(f'parameter {self.name}: an empty list or value')
+        if _has_nan(value):
+            raise ValueError(f'parameter {self.name}: {value} is not a number')
+        try:
+            return str(expanded(value)) if self.path and value else value
+        except ValueError as error:
+            raise ValueError(f'parameter {self.name}: {error}') from error
+
+
+def declare(
+    node: Node, table: tuple[NodeParameter, ...], later: tuple[NodeParameter, ...] = ()
+) -> SimpleNamespace:
     """Declare `table` on `node` and return the values by name.
+
+    Parameters
+    ----------
+    node : Node
+    table, later : tuple of NodeParameter
+        What the node declares now, and with another call.
 
     Raises
     ------
     ValueError
-        One line naming the parameter: NaN, out of range or of the wrong type.
+        One line naming the parameter: NaN, out of range, of the wrong type, not given, or given
+        and none of the node's.
     """
+    refuse_unknown(node, [row.name for row in (*table, *later)])
     values = SimpleNamespace()
     for row in table:
         try:
             value = node.declare_parameter(row.name, row.default, row.descriptor()).value
         except ParameterException as error:
             raise ValueError(f'parameter {row.name}: {error}') from error
-        if _has_nan(value):
-            raise ValueError(f'parameter {row.name}: {value} is not a number')
-        setattr(values, row.name, value)
+        setattr(values, row.name, row.checked(value))
     node.add_on_set_parameters_callback(_refuse_nan)
     return values
 

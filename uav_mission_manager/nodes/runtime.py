@@ -1,24 +1,46 @@
-"""Run one node in a process: start, spin, stop on SIGINT or SIGTERM."""
+"""Run one node in a process: start, spin, stop on SIGINT, SIGTERM or SIGHUP."""
 
 from __future__ import annotations
 
 import inspect
-import signal
+import os
+import re
 import sys
 from collections.abc import Callable
 
 import rclpy
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.exceptions import NameValidationException, ParameterException
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.logging import get_logger
+from rclpy.logging import LoggingSeverity, get_logger, set_logger_level
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
+from uav_mission_manager.nodes.ending import ENDING
+from uav_mission_manager.nodes.overrides import refuse_unknown
 from uav_mission_manager.nodes.parameters import NodeParameter
 
-START_ERRORS = (ValueError, OSError)
-"""What a node that cannot start raises; a bad mission, policy or parameter is a ValueError."""
+START_ERRORS = (
+    ValueError,
+    OSError,
+    MemoryError,
+    ParameterException,
+    NameValidationException,
+    RuntimeError,
+)
+"""What a node that cannot start raises; a bad mission, policy or parameter is a ValueError, and
+rclpy's own errors are RuntimeErrors."""
+
+LONGEST_LINE = 400
+"""Characters of an error that are shown: a choice, a few lines of a terminal."""
+
+MAX_DOMAIN = 232
+"""Largest ROS_DOMAIN_ID: the ports of larger ones would be above 65535."""
+
+SPIN_TIME = 0.2
+"""Time [s] after which a node without work looks whether it is to end: a choice."""
 
 
 class FatalError(Exception):
@@ -45,46 +67,84 @@ def run_node(
     Returns
     -------
     int
-        Exit code: 0 after SIGINT or SIGTERM or `--help`, 1 when the node could not start or a
-        callback raised `FatalError` (one log line).
+        Exit code: 0 after SIGINT, SIGTERM, SIGHUP or `--help`, 1 when the node could not start or
+        a callback raised `FatalError` (one log line).
     """
-    if {'-h', '--help'} & set(sys.argv[1:] if args is None else args):
+    words = sys.argv[1:] if args is None else args
+    if {'-h', '--help'} & set(words):
         print(_help(node_class, table))
         return 0
-    rclpy.init(args=args)
-    node, executor = None, SingleThreadedExecutor()
+    ENDING.watch()
+    node = executor = None
     try:
         try:
+            _start_ros(words)
             node = node_class()
+            refuse_unknown(node, qos=True)
         except START_ERRORS as error:
-            get_logger(node_class.__name__).fatal(str(error))
-            return 1
+            raise FatalError(one_line(error)) from error
+        executor = SingleThreadedExecutor()
         executor.add_node(node)
-        # A signal can slip in just before `spin` starts to wait, and a node without timers would
-        # then wait for ever: look again every now and then.
-        while rclpy.ok():
-            executor.spin_once(timeout_sec=0.5)
-    except (KeyboardInterrupt, ExternalShutdownException):
+        ENDING.orderly = True
+        while not ENDING.begun:
+            executor.spin_once(timeout_sec=SPIN_TIME)
+    except KeyboardInterrupt:
         pass
     except FatalError as error:
         get_logger(node_class.__name__).fatal(str(error))
         return 1
-    except rclpy_implementation.RCLError:
-        # A signal between two calls of a callback invalidates the context under it.
-        if rclpy.ok():
-            raise
     finally:
-        # `ros2 launch` passes on a Ctrl-C that the terminal has sent here already.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        ENDING.close()
         # First: an executor that still waits for what a node is made of can crash its destruction.
-        executor.shutdown()
+        if executor is not None:
+            executor.shutdown()
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
 
 
+def one_line(error: Exception) -> str:
+    """Return what an error says in one line, without places in the source of ROS."""
+    if isinstance(error, rclpy_implementation.UnknownROSArgsError):
+        return f'unknown ROS arguments: {error}'
+    text = re.sub(r',? at /\S+:\d+', '', ' '.join(str(error).split()))
+    if isinstance(error, MemoryError):
+        text = f'not enough memory. {text}'
+    return text[:LONGEST_LINE] or type(error).__name__
+
+
+def _start_ros(arguments: list[str]) -> None:
+    """Begin with ROS; what would end the process in C++, or in many lines, is refused here."""
+    if words := _not_for_ros(arguments):
+        raise ValueError(
+            f'unknown arguments: {" ".join(words)}; parameters are given by --ros-args -p'
+        )
+    domain = os.environ.get('ROS_DOMAIN_ID') or '0'
+    if not (domain.isascii() and domain.isdigit() and int(domain[:9]) <= MAX_DOMAIN):
+        raise ValueError(f'ROS_DOMAIN_ID {domain!r} is not one of 0 to {MAX_DOMAIN}')
+    if not any(os.environ.get(name) for name in ('ROS_LOG_DIR', 'ROS_HOME', 'HOME')):
+        raise ValueError('no place for log files: none of HOME, ROS_HOME and ROS_LOG_DIR is set')
+    set_logger_level('rcl', LoggingSeverity.FATAL)  # It repeats what it raises.
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    set_logger_level('rcl', LoggingSeverity.UNSET)
+
+
+def _not_for_ros(arguments: list[str]) -> list[str]:
+    """Return the words outside `--ros-args ... --`; ROS takes some of them for its own, too."""
+    words, inside = [], False
+    for word in arguments:
+        if inside or word == '--ros-args':
+            inside = word != '--'
+        else:
+            words.append(word)
+    return words
+
+
 def _help(node_class: Callable[[], Node], table: tuple[NodeParameter, ...]) -> str:
-    rows = '\n'.join(f'  {row.name:<24} {row.description} ({row.default!r})' for row in table)
+    rows = '\n'.join(
+        f'  {row.name:<24} {row.description} ({"needed" if row.example else repr(row.default)})'
+        for row in table
+    )
     usage = '--ros-args [-r __ns:=/NAMESPACE] [-p NAME:=VALUE ...] [--params-file FILE]'
     return f'{inspect.getdoc(node_class)}\n\n{usage}\n\nparameters (default):\n{rows}'

@@ -12,17 +12,20 @@ from std_srvs.srv import Trigger
 
 from uav_mission_manager import build_policy, load_mission
 from uav_mission_manager.nodes import qos
+from uav_mission_manager.nodes.ending import ENDING
 from uav_mission_manager.nodes.parameters import NodeParameter, declare
-from uav_mission_manager.nodes.runtime import run_node
-from uav_mission_manager.paths import share_directory
+from uav_mission_manager.nodes.runtime import one_line, run_node
+from uav_mission_manager.paths import expanded
 from uav_mission_manager.policy import DEFAULT_METHOD, METHODS
 
 PARAMETERS = (
     NodeParameter(
         'mission',
         '',
-        'Mission file, read at every build; empty is the shipped case study',
+        'Mission file, read at every build',
         read_only=False,
+        path=True,
+        example='config/case_study.yaml',
     ),
     NodeParameter(
         'method', DEFAULT_METHOD, f'How the policy is made: {", ".join(METHODS)}', read_only=False
@@ -32,6 +35,7 @@ PARAMETERS = (
         '',
         'Directory of the policy set; empty is uav_mission_manager/MISSION in ROS_HOME (~/.ros)',
         read_only=False,
+        path=True,
     ),
 )
 
@@ -39,7 +43,8 @@ PARAMETERS = (
 class Solver(Node):
     """Builds a policy set when `~/build` is called and announces it on `policy_set`.
 
-    A build that fails announces nothing and leaves the old policy set as it is.
+    A build that fails, or that a signal ends, announces nothing and leaves the old policy set as
+    it is.
     """
 
     def __init__(self) -> None:
@@ -52,10 +57,11 @@ class Solver(Node):
 
     def _on_build(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
-            path, response.message = self._build()
+            with ENDING.interruptible():
+                path, response.message = self._build()
         except (ValueError, OSError, MemoryError) as error:
-            self.get_logger().error(f'no policy set built: {error}')
-            response.success, response.message = False, str(error)
+            response.success, response.message = False, one_line(error)
+            self.get_logger().error(f'no policy set built: {response.message}')
             return response
         self.get_logger().info(response.message)
         self._publisher.publish(String(data=str(path)))
@@ -63,12 +69,14 @@ class Solver(Node):
         return response
 
     def _build(self) -> tuple[Path, str]:
-        mission_file, method, out = (self.get_parameter(row.name).value for row in PARAMETERS)
-        mission = load_mission(mission_file or share_directory() / 'config' / 'case_study.yaml')
+        mission_file, method, out = (
+            row.checked(self.get_parameter(row.name).value) for row in PARAMETERS
+        )
+        mission = load_mission(mission_file)
         self.get_logger().info(f'building {mission.name}, method {method}')
         start = self.get_clock().now()
         policy = build_policy(mission, method=method)
-        path = Path(out).expanduser().resolve() if out else _default_out(mission.name)
+        path = Path(out).resolve() if out else _default_out(mission.name)
         path.parent.mkdir(parents=True, exist_ok=True)
         policy.save(path)
         seconds = (self.get_clock().now() - start).nanoseconds * 1e-9
@@ -79,8 +87,8 @@ class Solver(Node):
 
 
 def _default_out(name: str) -> Path:
-    home = os.environ.get('ROS_HOME') or Path.home() / '.ros'
-    return Path(home).resolve() / 'uav_mission_manager' / name.replace('/', '_')
+    home = expanded(os.environ.get('ROS_HOME') or '~/.ros')
+    return home.resolve() / 'uav_mission_manager' / name.replace('/', '_')
 
 
 def main(args: list[str] | None = None) -> int:
