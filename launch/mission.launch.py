@@ -16,7 +16,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import ExecutableInPackage
 
 from uav_mission_manager.mdp import load_mission
-from uav_mission_manager.paths import share_directory
+from uav_mission_manager.paths import expanded, share_directory
 from uav_mission_manager.policy import load_policy
 
 PACKAGE = 'uav_mission_manager'
@@ -97,13 +97,13 @@ def one_mission(context: LaunchContext) -> None:
     """Refuse a policy set that was built from another mission file."""
     path = LaunchConfiguration('mission').perform(context)
     policy = LaunchConfiguration('policy').perform(context)
-    if load_mission(path) != load_policy(policy).mission:
+    if load_mission(expanded(path)) != load_policy(expanded(policy)).mission:
         raise RuntimeError(f'policy {policy} was not built from mission {path}')
 
 
 def simulated_autopilot(context: LaunchContext) -> list[ExecuteProcess]:
     """Return the simulator, at the mission's origin and the other end of the connection."""
-    mission = load_mission(LaunchConfiguration('mission').perform(context))
+    mission = load_mission(expanded(LaunchConfiguration('mission').perform(context)))
     origin = mission.grid.origin
     if origin is None:
         raise RuntimeError(f'mission {mission.name} has no grid.origin: the simulator needs it')

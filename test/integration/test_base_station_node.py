@@ -40,9 +40,11 @@ def test_priorities_live(ros: Ros) -> None:
         ([2, 0, 3], 'goal3 is 3, not 0, 1 or 2'),
         ([-1, 0, 0], 'goal1 is -1'),
         ([1.0, 0.0, 0.0], 'INTEGER_ARRAY'),
+        ([], 'INTEGER_ARRAY'),
+        (None, 'cannot be undeclared'),
     ],
 )
-def test_bad_priorities_are_refused(ros: Ros, values: list[float], words: str) -> None:
+def test_bad_priorities_are_refused(ros: Ros, values: list[float] | None, words: str) -> None:
     node = ros.start('nodes.base_station', '--ros-args', '-p', 'priorities:=[0, 0, 1]')
     heard = ros.listen('goal_priorities', UInt8MultiArray, qos.STATE_IN)
     result = ros.set_parameter('base_station', 'priorities', values)

@@ -17,7 +17,7 @@ REPEATED = [
 ]
 ARGUMENTS = {
     'manager': (),
-    'mavlink_bridge': ('-p', 'connection:=udpin:127.0.0.1:0'),
+    'mavlink_bridge': ('-p', 'connection:=udpout:127.0.0.1:9'),
     'base_station': ('-p', 'priorities:=[1, 0, 0]'),
 }
 

@@ -56,6 +56,14 @@ def test_a_mission_without_its_policy_is_refused(launch_file, tmp_path):
         launch_file['one_mission'](arguments)
 
 
+def test_paths_may_have_a_home_and_variables(launch_file, monkeypatch):
+    monkeypatch.setenv('HOME', str(SHARE / 'config'))
+    monkeypatch.setenv('SHARE', str(SHARE))
+    given = {'mission': '~/case_study.yaml', 'policy': '$SHARE/policies/case_study'}
+    launch_file['one_mission']({**defaults(launch_file), **given})
+    assert simulator(launch_file, **given) == simulator(launch_file)
+
+
 def launched(launch_file, **given: str) -> dict[str, dict]:
     """Return what is started with the given arguments, by name."""
     arguments = {**defaults(launch_file), **given}

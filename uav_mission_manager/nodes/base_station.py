@@ -24,7 +24,7 @@ PARAMETERS = (
     LISTENING,
 )
 
-PRIORITIES = NodeParameter(
+REQUESTED_PRIORITIES = NodeParameter(
     'priorities',
     [0],
     'Priority of each goal in mission order: 0 none, 1 low, 2 high',
@@ -42,9 +42,9 @@ class BaseStation(Node):
 
     def __init__(self) -> None:
         super().__init__('base_station')
-        settings = declare(self, PARAMETERS, later=(PRIORITIES,))
+        settings = declare(self, PARAMETERS, later=(REQUESTED_PRIORITIES,))
         self._goals = tuple(goal.name for goal in load_mission(settings.mission).goals)
-        row = replace(PRIORITIES, default=[0] * len(self._goals))
+        row = replace(REQUESTED_PRIORITIES, default=[0] * len(self._goals))
         priorities = declare(self, (row,)).priorities
         reason = self._fault_in(priorities)
         if reason:
@@ -113,7 +113,7 @@ class BaseStation(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run_node(BaseStation, (*PARAMETERS, PRIORITIES), args)
+    return run_node(BaseStation, (*PARAMETERS, REQUESTED_PRIORITIES), args)
 
 
 if __name__ == '__main__':
