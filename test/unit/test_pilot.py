@@ -1120,3 +1120,12 @@ def test_slow_progress_is_progress():
     flight = Flight().order(COMMIT).airborne(0.0)
     for metre in range(80):
         assert flight.at(metre * 1.1).run(20.0)[2].phase is Phase.EN_ROUTE
+
+
+def test_climbing_again_and_again_is_no_progress():
+    flight = Flight().order(COMMIT).airborne(50.0)
+    phases = set()
+    for step in range(200):  # A downdraft.
+        output = flight.at(50.0, height=17.0 + step % 2 * 3.0).run(0.2)[2]
+        phases.add(output.phase)
+    assert phases == {Phase.CLIMBING, Phase.EN_ROUTE, Phase.BLOCKED}

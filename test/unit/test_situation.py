@@ -144,10 +144,12 @@ def test_a_refused_goal_is_out_of_range_until_priorities_are_asked_for_anew() ->
     assert refused.with_priorities([2, 1, 0], 'a', 1.0).state[1] == 0
     for anew in (
         refused.with_priorities([2, 1, 0], 'b', 1.0),
-        refused.with_priorities([2, 1, 0], '', 1.0),
+        refused.with_priorities([1, 1, 0], '', 1.0),
         refused.without_goals(),
     ):
         assert (anew.state[1], anew.refused_goals, anew.warnings) == (1, (), ())
+    repeated = refused.with_priorities([2, 0, 0], '', 1.0)
+    assert repeated.refused_goals == ('goal1',)
 
 
 def test_what_counts_as_worse_than_measured_is_said() -> None:

@@ -81,13 +81,13 @@ class TaskFlight:
     def _travel(self, task: FlightTask, position: Position, now: float) -> PilotOutput:
         """Climb where it is, then fly to the destination."""
         self._arrived = None
+        end = self._to(task.latitude, task.longitude, task.cruise_altitude, task)
         if self._low(task, position):
             self._climb_point = point = self._climb_point or position
-            fly = self._to(point.latitude, point.longitude, task.cruise_altitude, task)
-            return self._advance(fly, Phase.CLIMBING, task, position, now)
+            climb = replace(end, latitude=point.latitude, longitude=point.longitude)
+            return self._advance(climb, end, Phase.CLIMBING, task, position, now)
         self._climb_point = None
-        fly = self._to(task.latitude, task.longitude, task.cruise_altitude, task)
-        return self._advance(fly, Phase.EN_ROUTE, task, position, now)
+        return self._advance(end, end, Phase.EN_ROUTE, task, position, now)
 
     def _stay(self, task: FlightTask, position: Position, now: float) -> PilotOutput:
         """Over the destination: go to its height, and complete the goal there."""
@@ -95,7 +95,7 @@ class TaskFlight:
         fly = self._to(task.latitude, task.longitude, task.altitude, task)
         if abs(position.altitude - task.altitude) > self._settings.height_tolerance:
             self._arrived = None
-            return self._advance(fly, Phase.EN_ROUTE, task, position, now)
+            return self._advance(fly, fly, Phase.EN_ROUTE, task, position, now)
         self._leg = None
         step = self._requests.ask(fly, Phase.ON_SITE, task.text, now)
         return replace(step, completed=self._complete(task, now))
@@ -107,14 +107,15 @@ class TaskFlight:
     def _advance(
         self,
         fly: Fly,
+        end: Fly,
         phase: Phase,
         task: FlightTask,
         position: Position,
         now: float,
     ) -> PilotOutput:
-        """Fly a leg; where it gets nowhere, say so, and in the end return to launch."""
-        if self._leg is None or not self._leg.same(fly):
-            self._leg = Leg(fly, now)
+        """Fly on towards the end of a leg; where it cannot be reached, say so, then return."""
+        if self._leg is None or not self._leg.same(end):
+            self._leg = Leg(end, now)
         leg = self._leg
         leg.watch(position, now)
         refusals, why = self._requests.refusals(Fly)

@@ -1,8 +1,9 @@
-"""One straight leg of a flight, watched for progress."""
+"""One leg of a flight, watched for progress."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from uav_mission_manager.autopilot.telemetry import Position
 from uav_mission_manager.autopilot.vehicle import Fly
@@ -15,11 +16,12 @@ LOST_GROUND = 10.0
 
 
 class Leg:
-    """A flight to a point, and how near the vehicle has come.
+    """A flight to a point, with the climb before it, and how near the vehicle has come.
 
     Parameters
     ----------
-    fly : Fly
+    end : Fly
+        Where it leads.
     now : float
         Time [s] when it begins.
 
@@ -31,26 +33,21 @@ class Leg:
         Whether the vehicle is farther away than it has been.
     """
 
-    def __init__(self, fly: Fly, now: float) -> None:
-        self._fly = fly
+    def __init__(self, end: Fly, now: float) -> None:
+        self._end = end
         self._best = math.inf
         self._better_at = now
         self.blocked_at: float | None = None
         self.losing_ground = False
 
-    def same(self, fly: Fly) -> bool:
-        """Whether a flight has the same end, at whatever speed."""
-        old = self._fly
-        return (old.latitude, old.longitude, old.altitude) == (
-            fly.latitude,
-            fly.longitude,
-            fly.altitude,
-        )
+    def same(self, end: Fly) -> bool:
+        """Whether a flight leads to the same end, at whatever speed."""
+        return replace(end, speed=self._end.speed) == self._end
 
     def watch(self, position: Position, now: float) -> None:
         """Take note of where the vehicle is."""
-        left = position.distance_to(self._fly.latitude, self._fly.longitude)
-        left += abs(position.altitude - self._fly.altitude)
+        left = position.distance_to(self._end.latitude, self._end.longitude)
+        left += abs(position.altitude - self._end.altitude)
         self.losing_ground = left > self._best + LOST_GROUND
         if left < self._best - PROGRESS_STEP:
             self._best, self._better_at = left, now

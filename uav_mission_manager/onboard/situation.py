@@ -137,7 +137,8 @@ class Situation:
         """Take a request for the priorities of all goals.
 
         A request with the id of the last one is its repetition and changes nothing. A new one
-        forgets which goals were refused.
+        forgets which goals were refused; one without id, which may be repeated, does so only
+        for goals whose priority it changes.
         """
         values = tuple(values)
         if len(values) != self.mission.k:
@@ -149,8 +150,18 @@ class Situation:
                 raise InputError(f'goal_priorities: {goal.name} is {value}, not 0, 1 or 2')
         if request and request == self.request:
             return self._heard('goal_priorities', now)
+        refused: tuple[bool, ...] = ()
+        if not request:
+            refused = tuple(
+                was and old == new
+                for was, old, new in zip(self.refused, self.priorities, values, strict=True)
+            )
         return self._heard(
-            'goal_priorities', now, priorities=values, refused=(), request=request or self.request
+            'goal_priorities',
+            now,
+            priorities=values,
+            refused=refused,
+            request=request or self.request,
         )
 
     def with_completed(self, name: str) -> Situation:
