@@ -198,7 +198,7 @@ class RealChain(Chain):
         self.wire = Wire(port, ros.folder / 'wire.tlog')
         self.autopilot: ArduCopter | None = None
         self._listen()
-        settings = {
+        self._settings = {
             'mission': mission,
             'connection': (
                 f'tcp:127.0.0.1:{5760 + 10 * self._number}' if tcp else f'udpin:127.0.0.1:{port}'
@@ -206,7 +206,7 @@ class RealChain(Chain):
             **BRIDGE,
             **parameters,
         }
-        self.bridge = self._start('mavlink_bridge', **settings)
+        self.start_bridge()
         self._start('base_station', mission=mission)
         self.start_manager()
         self.wire.start()
@@ -319,6 +319,10 @@ class RealChain(Chain):
 
     def start_manager(self) -> None:
         self._manager = self._start('manager', policy=self._policy)
+
+    def start_bridge(self) -> None:
+        """Start the bridge, anew if it was killed."""
+        self.bridge = self._start('mavlink_bridge', **self._settings)
 
     def hold(self) -> tuple[bool, str]:
         answer = self.ros.call('mavlink_bridge/hold')

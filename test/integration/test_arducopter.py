@@ -96,6 +96,32 @@ def test_the_ground_stops_the_motors_above_the_ground(chain: RealChain) -> None:
     assert_nothing_is_ordered_until_resume(chain, orders)
 
 
+def test_a_failsafe_returns_and_resume_goes_on(chain: RealChain) -> None:
+    chain.want(0, 2, 0)
+    chain.until_flying()
+    chain.set('SIM_RC_FAIL', 1)
+    chain.until(lambda: chain.mode == FlightMode.RTL, 'RTL', 20.0)
+    orders = len(chain.orders)
+    chain.until(lambda: chain.phase == 'pilot in command', 'pilot in command', 5.0)
+    chain.spend(3.0)
+    chain.set('SIM_RC_FAIL', 0)
+    chain.spend(3.0)
+    assert chain.orders[orders:] == []
+    assert chain.resume()[0]
+    chain.until(lambda: chain.completed, 'goal completed')
+
+
+def test_the_bridge_dies_in_flight_and_is_started_anew(chain: RealChain) -> None:
+    chain.want(0, 2, 0)
+    chain.until_flying()
+    orders = len(chain.orders)
+    chain.bridge.kill()
+    chain.start_bridge()
+    chain.until(lambda: chain.completed, 'goal completed')
+    modes = [o for o in chain.orders[orders:] if o.number == mavlink.MAV_CMD_DO_SET_MODE]
+    assert (modes, chain.mode) == ([], FlightMode.GUIDED)
+
+
 def test_without_allow_arming_nothing_is_ordered(make: Maker) -> None:
     chain = ready(make(allow_arming=False))
     chain.want(0, 2, 0)
