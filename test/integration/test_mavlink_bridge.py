@@ -348,6 +348,8 @@ def test_a_manager_with_another_mission_is_not_obeyed(dummy, ros):
     flight.until(lambda: flight.value('command_refused'), 'a refusal')
     ros.spin(2.0)
     assert len(flight.bridge.lines('the manager has another mission; not flown')) == 1
+    assert flight.status.level == DiagnosticStatus.WARN
+    assert 'the manager has another mission; not flown' in flight.status.message
     assert flight.heard() == set()
     flight.pose = 10000.0, 10000.0
     ros.spin(1.0)

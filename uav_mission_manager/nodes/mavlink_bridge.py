@@ -274,15 +274,29 @@ class MavlinkBridge(Node):
     def _diagnose(self) -> None:
         if self._presence.silent:
             return
-        bridge, output = self._bridge, self._bridge.output
-        link, telemetry, warnings = bridge.link, bridge.telemetry, bridge.warnings
+        link, output = self._bridge.link, self._bridge.output
+        warnings = tuple(filter(None, (self._complaint, *self._bridge.warnings)))
         level = DiagnosticStatus.WARN
         if not link.up:
             level = DiagnosticStatus.ERROR
         elif output.phase not in WARNING_PHASES and not warnings:
             level = DiagnosticStatus.OK
+        report = status(
+            level,
+            f'{self.get_fully_qualified_name()}: autopilot',
+            '; '.join((f'{output.phase.value}: {output.status}', *warnings)),
+            **self._facts(),
+        )
+        report.hardware_id = f'MAVLink system {link.target_system}'
+        header = Header(stamp=self.get_clock().now().to_msg())
+        self._diagnostics.publish(DiagnosticArray(header=header, status=[report]))
+
+    def _facts(self) -> dict[str, object]:
+        """Return the values of the diagnostics."""
+        bridge = self._bridge
+        link, telemetry = bridge.link, bridge.telemetry
         age = self._now() - self._commanded_at
-        values = {
+        return {
             'link': 'up' if link.up else 'lost',
             'link_error': link.error,
             'system': link.target_system,
@@ -290,7 +304,7 @@ class MavlinkBridge(Node):
             'others_heard': '; '.join(link.others),
             'mode': mode_name(telemetry.mode),
             'armed': telemetry.armed,
-            'phase': output.phase.value,
+            'phase': bridge.output.phase.value,
             'command': self._command,
             'command_refused': self._complaint,
             'command_age': f'{age:.1f}' if self._command else '',
@@ -298,15 +312,6 @@ class MavlinkBridge(Node):
             'motor_effectiveness': ' '.join(f'{e:.2f}' for e in bridge.faults.effectiveness),
             **{f'refused {name}': why for name, why in link.refused.items()},
         }
-        report = status(
-            level,
-            f'{self.get_fully_qualified_name()}: autopilot',
-            '; '.join((f'{output.phase.value}: {output.status}', *warnings)),
-            **values,
-        )
-        report.hardware_id = f'MAVLink system {link.target_system}'
-        header = Header(stamp=self.get_clock().now().to_msg())
-        self._diagnostics.publish(DiagnosticArray(header=header, status=[report]))
 
 
 def main(args: list[str] | None = None) -> int:
