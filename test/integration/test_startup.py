@@ -161,6 +161,17 @@ def test_too_little_memory_is_said_in_one_line() -> None:
     assert 'not enough memory. for 3 GiB' in line
 
 
+def test_without_ros_it_says_so_in_one_line() -> None:
+    run = run_python(
+        'import sys\n'
+        'sys.modules["rclpy"], sys.argv = None, ["/usr/bin/manager"]\n'
+        'import uav_mission_manager.nodes\n'
+    )
+    assert run.returncode == 1
+    assert run.stderr.startswith('manager: ROS 2 is not there')
+    assert len((run.stdout + run.stderr).splitlines()) == 1
+
+
 def test_a_params_file_serves_several_nodes(start: Start, tmp_path: Path) -> None:
     """What it gives to others by name is theirs; what it gives to all may not be for this one."""
     file = tmp_path / 'params.yaml'

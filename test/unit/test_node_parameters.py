@@ -8,7 +8,7 @@ from importlib import import_module
 import pytest
 import yaml
 
-from uav_mission_manager.nodes.ending import NODES, runs_node
+from uav_mission_manager.nodes.ending import NODES, node_run
 from uav_mission_manager.nodes.overrides import MISSPELT, given_to_all, likeness
 from uav_mission_manager.paths import expanded, share_directory
 
@@ -81,17 +81,17 @@ def test_a_path_that_no_shell_knows_is_refused(path):
 
 
 @pytest.mark.parametrize(
-    ('program', 'started_as', 'is_node'),
+    ('program', 'started_as', 'node'),
     [
-        ('/usr/lib/uav_mission_manager/manager', [], True),
-        ('-m', ['python3', '-X', 'dev', '-m', 'uav_mission_manager.nodes.solver', '-m'], True),
-        ('-m', ['python3', '-m', 'pytest', 'manager'], False),
-        ('-m', ['python3', '-m', 'uav_mission_manager.cli.demo'], False),
-        ('/usr/bin/pytest', [], False),
-        ('', [], False),
+        ('/usr/lib/uav_mission_manager/manager', [], 'manager'),
+        ('-m', ['python3', '-X', 'dev', '-m', 'uav_mission_manager.nodes.solver', '-m'], 'solver'),
+        ('-m', ['python3', '-m', 'pytest', 'manager'], ''),
+        ('-m', ['python3', '-m', 'uav_mission_manager.cli.demo'], ''),
+        ('/usr/bin/pytest', [], ''),
+        ('', [], ''),
     ],
 )
-def test_a_node_knows_that_it_is_the_program(monkeypatch, program, started_as, is_node):
+def test_a_node_knows_that_it_is_the_program(monkeypatch, program, started_as, node):
     monkeypatch.setattr('sys.argv', [program])
     monkeypatch.setattr('sys.orig_argv', started_as)
-    assert runs_node() == is_node
+    assert node_run() == node

@@ -20,12 +20,13 @@ ORDERLY_TIME = 0.7
 """Time [s] that a running node has to close what it has open: a choice, within a second."""
 
 
-def runs_node() -> bool:
-    """Whether this process was started as one of the nodes, as a command or by `python -m`."""
+def node_run() -> str:
+    """Return which node this process was started as, by its command or `python -m`; '' is none."""
     program = sys.argv[0] if sys.argv else ''
     if program == '-m':  # While Python looks for the module.
         program = sys.orig_argv[sys.orig_argv.index('-m') + 1].rpartition('.')[2]
-    return os.path.basename(program) in NODES
+    name = os.path.basename(program)
+    return name if name in NODES else ''
 
 
 class Ending:
