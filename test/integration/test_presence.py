@@ -15,7 +15,12 @@ ROLES = ('manager', 'base_station')
 
 
 def start(ros: Ros, role: str, *arguments: str) -> NodeProcess:
-    return ros.start(f'nodes.{role}', '--ros-args', '-p', 'listening_time:=3.0', *arguments)
+    return ros.start(f'nodes.{role}', '--ros-args', *arguments)
+
+
+def start_second(ros: Ros, role: str, *arguments: str) -> NodeProcess:
+    """Start one that listens until it hears the first, however long that takes."""
+    return start(ros, role, '-p', 'listening_time:=60.0', *arguments)
 
 
 def identities(messages: list[String]) -> set[str]:
@@ -35,7 +40,7 @@ def test_the_second_one_ends_and_the_first_goes_on(ros: Ros, role: str) -> None:
     ros.until(lambda: heard, 'the first')
     [name] = identities(heard)
 
-    second = start(ros, role)
+    second = start_second(ros, role)
     assert second.wait() == 1
     [line] = second.lines('FATAL')
     assert f'another {role} is in /: {name}, up for ' in line
@@ -49,7 +54,7 @@ def test_the_second_one_ends_and_the_first_goes_on(ros: Ros, role: str) -> None:
 @pytest.mark.parametrize('role', ROLES)
 def test_of_two_started_at_once_one_goes_on(ros: Ros, role: str) -> None:
     heard = ros.listen(f'presence/{role}', String, qos.EVENT)
-    both = [start(ros, role), start(ros, role)]
+    both = [start_second(ros, role), start_second(ros, role)]
     ros.until(lambda: any(one.process.poll() is not None for one in both), 'the end of one')
     heard.clear()
     until_heard_again(ros, heard)
@@ -70,7 +75,7 @@ def test_a_second_manager_commands_nothing(ros: Ros) -> None:
     asking.cancel()
     goals.clear()
     decisions.clear()
-    second = start(ros, 'manager')
+    second = start_second(ros, 'manager')
     assert second.wait() == 1
     until_heard_again(ros, heard)
     assert {tuple(message.data) for message in goals} == {(2, 0, 0)}
@@ -82,7 +87,7 @@ def test_a_second_base_station_asks_for_nothing(ros: Ros) -> None:
     requests = ros.listen('goal_priorities', UInt8MultiArray, qos.STATE_IN)
     start(ros, 'base_station', '-p', 'priorities:=[2, 0, 0]')
     ros.until(lambda: requests, 'a request')
-    second = start(ros, 'base_station', '-p', 'priorities:=[0, 0, 1]')
+    second = start_second(ros, 'base_station', '-p', 'priorities:=[0, 0, 1]')
     assert second.wait() == 1
     count = len(requests)
     ros.until(lambda: len(requests) >= count + 2, 'repetition')
