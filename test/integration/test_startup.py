@@ -20,8 +20,8 @@ from std_srvs.srv import Trigger
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.ending import ENDING_SIGNALS, NODES
 
-ENDED_TIME = 5.0
-"""Seconds that a node has to end after a signal: one, and more on a machine that is busy."""
+ENDED_TIME = 20.0
+"""Seconds that a node has to end after a signal: one, and many more on a machine that is busy."""
 
 Start = Callable[..., NodeProcess]
 
