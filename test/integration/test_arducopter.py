@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 import yaml
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from real_chain import BINARY, CASE_STUDY, FRAMES, RealChain
+from real_autopilot import BINARY, FRAMES
+from real_chain import CASE_STUDY, RealChain
 from ros_helpers import Ros
 from scenarios import SCENARIOS, Chain
 
