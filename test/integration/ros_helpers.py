@@ -52,6 +52,13 @@ def ros_domain() -> Iterator[int]:
     raise RuntimeError('all 100 ROS domain ids are in use')
 
 
+def free_port() -> int:
+    """Return a UDP port that nobody uses now."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(('127.0.0.1', 0))
+        return int(probe.getsockname()[1])
+
+
 class NodeProcess:
     """`python -m MODULE ARGS...` with its output in a file."""
 
@@ -121,6 +128,8 @@ class Ros:
         needed = CASE_STUDY.get(module)
         if needed and not any(word.startswith(needed.partition('=')[0]) for word in args):
             args += '--ros-args', '-p', needed
+        if module == 'nodes.mavlink_bridge' and not any('connection' in word for word in args):
+            args += '--ros-args', '-p', f'connection:=udpin:127.0.0.1:{free_port()}'
         if module in ONE_OF_A_KIND and not any('listening_time' in word for word in args):
             args += '--ros-args', '-p', 'listening_time:=0.0'
         process = NodeProcess(

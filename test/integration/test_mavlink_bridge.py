@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from ros_helpers import ROOT, Ros
+from ros_helpers import ROOT, Ros, free_port
 from sensor_msgs.msg import BatteryState, NavSatFix
 from std_msgs.msg import String, UInt8MultiArray
 
@@ -33,9 +33,7 @@ class Crew:
 
     def __init__(self, ros: Ros, allow_arming: bool = True, **parameters: object) -> None:
         self.ros = ros
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.bind(('127.0.0.1', 0))
-            self.port = probe.getsockname()[1]
+        self.port = free_port()
         settings = {
             'mission': CASE_STUDY,
             'connection': f'udpin:127.0.0.1:{self.port}',

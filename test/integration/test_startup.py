@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 import yaml
-from ros_helpers import CASE_STUDY, LIMIT, ROOT, NodeProcess, Ros, ros_domain
+from ros_helpers import CASE_STUDY, LIMIT, ROOT, NodeProcess, Ros, free_port, ros_domain
 from std_msgs.msg import UInt8MultiArray
 from std_srvs.srv import Trigger
 
@@ -238,7 +238,13 @@ def test_a_signal_during_the_imports_ends_it(start: Start, number: int) -> None:
 
 @pytest.mark.parametrize('number', ENDING_SIGNALS)
 def test_a_signal_at_any_moment_ends_every_node(start: Start, number: int) -> None:
-    processes = [(start(node, *given(node)), random.uniform(0.0, 2.0)) for node in NODES * 2]
+    processes = []
+    for place, node in enumerate(NODES * 2):  # Each alone in its namespace and on its port.
+        arguments = given(node)
+        if node == 'mavlink_bridge':
+            arguments = given(node, f'connection:=udpin:127.0.0.1:{free_port()}')
+        process = start(node, *arguments, '-r', f'__ns:=/n{place}')
+        processes.append((process, random.uniform(0.0, 2.0)))
     began = time.monotonic()
     for process, moment in sorted(processes, key=lambda pair: pair[1]):
         time.sleep(max(0.0, began + moment - time.monotonic()))
