@@ -18,7 +18,7 @@ NAMES = {
 }
 
 
-@pytest.mark.parametrize(('one', 'other'), itertools.permutations(NODES, 2))
+@pytest.mark.parametrize(('one', 'other'), list(itertools.permutations(NODES, 2)))
 def test_no_parameter_of_a_node_passes_for_a_misspelt_one_of_another(one, other):
     foreign = NAMES[one] - NAMES[other]
     pairs = itertools.product(foreign, NAMES[other] | {'priorities', 'use_sim_time'})
