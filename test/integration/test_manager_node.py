@@ -129,6 +129,8 @@ def manager(ros: Ros, flight: Flight) -> NodeProcess:
     flight.until_command('none normal')
     ros.until(lambda: flight.goals and flight.decisions and flight.markers, 'every topic')
     ros.until(lambda: 'command' in flight.decision(), 'a decision')
+    # Else the last diagnosis may be one from before the first inputs.
+    flight.until_diagnosis('link', DiagnosticStatus.OK, 'all inputs fresh')
     return process
 
 
