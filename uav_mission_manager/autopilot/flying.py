@@ -81,7 +81,7 @@ class TaskFlight:
     def _travel(self, task: FlightTask, position: Position, now: float) -> PilotOutput:
         """Climb where it is, then fly to the destination."""
         self._arrived = None
-        end = self._to(task.latitude, task.longitude, task.cruise_altitude, task)
+        end = self._to(task, task.cruise_altitude)
         if self._low(task, position):
             self._climb_point = point = self._climb_point or position
             climb = replace(end, latitude=point.latitude, longitude=point.longitude)
@@ -92,7 +92,7 @@ class TaskFlight:
     def _stay(self, task: FlightTask, position: Position, now: float) -> PilotOutput:
         """Over the destination: go to its height, and complete the goal there."""
         self._climb_point = None
-        fly = self._to(task.latitude, task.longitude, task.altitude, task)
+        fly = self._to(task, task.altitude)
         if abs(position.altitude - task.altitude) > self._settings.height_tolerance:
             self._arrived = None
             return self._advance(fly, fly, Phase.EN_ROUTE, task, position, now)
@@ -100,9 +100,9 @@ class TaskFlight:
         step = self._requests.ask(fly, Phase.ON_SITE, task.text, now)
         return replace(step, completed=self._complete(task, now))
 
-    def _to(self, latitude: float, longitude: float, altitude: float, task: FlightTask) -> Fly:
+    def _to(self, task: FlightTask, altitude: float) -> Fly:
         speed = self._settings.agile_speed if task.agile else self._settings.cruise_speed
-        return Fly(latitude, longitude, altitude, speed)
+        return Fly(task.latitude, task.longitude, altitude, speed)
 
     def _advance(
         self,
