@@ -83,7 +83,7 @@ def _pieces(value: Any, limit: int, quotes: bool) -> Iterator[str]:
             yield from _pieces(entry, limit, quotes=True)
         yield f',{closing}' if isinstance(value, tuple) and len(value) == 1 else closing
     elif type(value) is int and value.bit_length() > MAX_INT_BITS:
-        yield f'<an integer of some {value.bit_length() / BITS_PER_DIGIT:.0f} digits>'
+        yield from f'<an integer of some {value.bit_length() / BITS_PER_DIGIT:.0f} digits>'
     else:
         yield from _escaped((repr(value) if quotes else str(value))[: limit + 1])
 
