@@ -1,7 +1,8 @@
 """Where MAVLink comes in and goes out: UDP, TCP, a serial device; never blocking, never printing.
 
 pymavlink's own UDP, TCP and serial ports sleep and print when a peer is gone, let two programs
-listen on one port and do not say who sent what. Its others are used as they are.
+listen on one port and do not say who sent what. Its others are used as they are. A UDP socket with
+a numeric address cannot wait; all else, the search for a name too, is left to a thread.
 """
 
 from __future__ import annotations
@@ -10,26 +11,28 @@ import errno
 import ipaddress
 import os
 import socket
+import stat
 import time
 from collections.abc import Iterator
 from typing import Any
 
 from pymavlink import mavutil
 
-from uav_mission_manager.autopilot.wire import Attempts, ReopenedPort, SerialWire, TcpWire
+from uav_mission_manager.autopilot.threaded_port import PORT_READ_BYTES, PORT_ERRORS, ThreadedPort
+from uav_mission_manager.autopilot.wire import SerialWire, TcpWire
 
 MAX_PORT_READS = 200
 """Reads from a port at a time, at most, so that this ends however much arrives. A choice: at 20
 looks a second 4,000 datagrams a second, a hundred times more than the bridge asks for."""
-
-PORT_READ_BYTES = 4096
-"""Bytes of a read, at most. A choice; a MAVLink 2 message has no more than 280."""
 
 UDP_PEER_TIMEOUT = 10.0
 """Time [s] after which a silent UDP peer is forgotten: a choice."""
 
 MAX_UDP_PEERS = 16
 """How many UDP peers hear what is sent to all: a choice, so that forged addresses do no harm."""
+
+LOOPBACK = '127.0.0.1'
+"""The address of `localhost`; nobody has to search for it."""
 
 DEFAULT_BAUD_RATE = 115200
 """Symbols a second of a serial device, where none are given: pymavlink's default."""
@@ -64,11 +67,11 @@ def open_port(connection: str) -> Any:
     ValueError
         It can never work; says which connection and why in one line.
     """
-    if _is_address(connection.partition(':')[0]):
+    if _numeric(connection.partition(':')[0]):
         connection = f'udpin:{connection}'  # pymavlink's short form.
     try:
         return _open(connection)
-    except (OSError, ValueError, OverflowError, ImportError, SystemExit) as error:
+    except PORT_ERRORS as error:
         why: Any = error
         if isinstance(error, OSError):
             taken = f'another program listens on {connection.partition(":")[2]}'
@@ -84,18 +87,31 @@ def _open(connection: str) -> Any:
         known = ', '.join(f'{name}:' for name in PROTOCOLS)
         raise ValueError(f'none of {known} nor the path of a serial device')
     if protocol == 'mcast':
-        return PymavlinkPort(connection)
-    address = _host_and_port(rest, anywhere=protocol in ('udpin', 'udp', 'tcpin'))
+        return _pymavlink_port(connection)
+    listens = protocol in ('udpin', 'udp', 'tcpin')
+    address = _host_and_port(rest, anywhere=listens)
+    if listens and address[0] and not _numeric(address[0]):
+        raise ValueError(f'{address[0]} is not an address of this machine in numbers')
     if protocol in ('udpin', 'udp'):
         return UdpPort(listen=address)
-    if protocol == 'udpout':
+    if protocol == 'udpout' and _numeric(address[0]):
         return UdpPort(destination=address)
+    if protocol == 'udpout':
+        return ThreadedPort(address[0], lambda: UdpPort(destination=_resolve(address)))
     if protocol == 'tcp':
-        return ReopenedPort(connection, lambda: TcpWire(address))
-    return PymavlinkPort(connection)
+        return ThreadedPort(connection, lambda: TcpWire(address))
+    return _pymavlink_port(connection)
 
 
-def _is_address(host: str) -> bool:
+def _pymavlink_port(connection: str) -> ThreadedPort:
+    def opened() -> Any:
+        return mavutil.mavlink_connection(connection)
+
+    return ThreadedPort(connection, opened, at_once=True)
+
+
+def _numeric(host: str) -> bool:
+    """Whether an address needs no search: numbers, or this machine itself."""
     try:
         ipaddress.IPv4Address(host)
     except ValueError:
@@ -109,10 +125,10 @@ def _host_and_port(text: str, *, anywhere: bool) -> tuple[str, int]:
         raise ValueError('not of the form PROTOCOL:HOST:PORT')
     if not 1 <= int(port[:6]) <= 65535:
         raise ValueError(f'port {port} is not one of 1 to 65535')
-    return host, int(port)
+    return LOOPBACK if host == 'localhost' else host, int(port)
 
 
-def _serial_port(connection: str) -> ReopenedPort:
+def _serial_port(connection: str) -> ThreadedPort:
     device, baud = connection, str(DEFAULT_BAUD_RATE)
     if ',' in connection and not os.path.exists(connection):
         device, _, baud = connection.rpartition(',')
@@ -120,7 +136,9 @@ def _serial_port(connection: str) -> ReopenedPort:
         raise ValueError(f'{baud!r} is not a baud rate')
     if not device.startswith('/dev/') and not os.path.exists(device):
         raise ValueError('no such device')
-    return ReopenedPort(device, lambda: SerialWire(device, int(baud)), at_once=True)
+    if os.path.exists(device) and not stat.S_ISCHR(os.stat(device).st_mode):
+        raise ValueError('not a serial device')
+    return ThreadedPort(device, lambda: SerialWire(device, int(baud)), at_once=True)
 
 
 class UdpPort:
@@ -129,7 +147,7 @@ class UdpPort:
     Parameters
     ----------
     listen, destination : tuple of str and int
-        Where it listens, or where it sends to from the start: one of the two.
+        Where it listens, or where it sends to from the start: one of the two, in numbers.
     """
 
     def __init__(
@@ -141,24 +159,15 @@ class UdpPort:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._peers: dict[Any, float] = {}
-        self._send_error = ''
+        self.error = ''  # What is wrong, '' if nothing is.
         self.last_address: Any = None
         self._destination = destination
-        self._lookup: Attempts | None = None  # A name may take long to be found.
         if listen is not None:
             try:
                 self._socket.bind(listen)
             except OSError:
                 self._socket.close()
                 raise
-        elif destination is not None and not _is_address(destination[0]):
-            self._destination = None
-            self._lookup = Attempts(destination[0], lambda: _resolve(destination))
-
-    @property
-    def error(self) -> str:
-        """What is wrong, '' if nothing is."""
-        return self._lookup.error if self._lookup else self._send_error
 
     def recv(self, size: int) -> bytes:
         """Return a datagram, b'' if there is none."""
@@ -174,8 +183,6 @@ class UdpPort:
 
     def write(self, data: bytes) -> None:
         """Send to all peers."""
-        if self._lookup is not None and self._lookup.result is not None:
-            self._destination, self._lookup = self._lookup.result, None
         if self._destination is not None:
             self.write_to(data, self._destination)
             return
@@ -190,16 +197,14 @@ class UdpPort:
         """Send to one address."""
         try:
             self._socket.sendto(data, address)
-            self._send_error = ''
+            self.error = ''
         except BlockingIOError:
             pass
         except OSError as error:
-            self._send_error = f'{address[0]}: {error.strerror or error}'
+            self.error = f'{address[0]}: {error.strerror or error}'
 
     def close(self) -> None:
         """Close the socket."""
-        if self._lookup is not None:
-            self._lookup.end()
         self._socket.close()
 
     def _remember(self, peer: Any) -> None:
@@ -210,29 +215,3 @@ class UdpPort:
 
 def _resolve(address: tuple[str, int]) -> Any:
     return socket.getaddrinfo(*address, socket.AF_INET, socket.SOCK_DGRAM)[0][4]
-
-
-class PymavlinkPort:
-    """One of pymavlink's own ports."""
-
-    error = ''
-
-    def __init__(self, connection: str) -> None:
-        self._file = mavutil.mavlink_connection(connection)
-
-    @property
-    def last_address(self) -> Any:
-        """Whence the last data came, None where pymavlink does not say."""
-        return getattr(self._file, 'last_address', None)
-
-    def recv(self, size: int) -> bytes:
-        """Return what has arrived, b'' if nothing has."""
-        return self._file.recv(size) or b''
-
-    def write(self, data: bytes) -> None:
-        """Send to all peers."""
-        self._file.write(data)
-
-    def close(self) -> None:
-        """Close it."""
-        self._file.close()
