@@ -125,6 +125,21 @@ def test_in_progress_is_neither_repeated_nor_waited_for_without_end(told):
     assert wire.answers() == [(ARM, False, 'still in progress after 10 s')]
 
 
+@pytest.mark.parametrize('in_progress', [True, False])
+def test_asked_for_again_meanwhile_it_ends_as_if_asked_once(in_progress):
+    wire = Dialogue()
+    for _ in range(6):
+        wire.send(ARM)
+        if in_progress:
+            wire.ack(ARM, mavlink.MAV_RESULT_IN_PROGRESS)
+        wire.wait(2.0)
+        if wire.link.refused:
+            break
+    why = 'still in progress after 10 s' if in_progress else 'no answer'
+    assert wire.answers() == [(ARM, False, why)]
+    assert wire.sent() == [ARM.number] * (1 if in_progress else 3)
+
+
 def test_a_refusal_is_in_the_autopilots_words():
     wire = Dialogue()
     wire.text('GPS Glitch')

@@ -145,9 +145,13 @@ class CommandExchange:
     def send(self, commands: Sequence[MavCommand], now: float) -> None:
         """Send the first command, and each other once the one before it was accepted.
 
-        Sequences that this one's first command is a part of are given up.
+        The same commands under way go on. Other sequences that this one's first command is a part
+        of are given up.
         """
         first = commands[0]
+        under_way = self._pending.get(first.number)
+        if under_way is not None and under_way.commands == tuple(commands):
+            return
         self._pending = {
             number: pending
             for number, pending in self._pending.items()

@@ -111,6 +111,10 @@ class Identity:
         """When a component of the vehicle was last heard, None if it never was."""
         return self._heard.get(component)
 
+    def expect(self, component: int) -> None:
+        """Count a component of the vehicle as heard, whenever that was."""
+        self._heard.setdefault(component, -math.inf)
+
     def watch(self, now: float) -> None:
         """Forget who is silent; only then may the autopilot be another one."""
         if now - max(self.beat_at, self._kept_at) > self._timeout:

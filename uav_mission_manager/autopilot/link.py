@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -12,6 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from uav_mission_manager.autopilot.exchange import Answer, CommandExchange, MavCommand
 from uav_mission_manager.autopilot.identity import Identity
 from uav_mission_manager.autopilot.port import MAX_PORT_READS, open_port, read_port
+from uav_mission_manager.autopilot.streams import STREAM_RATES, Streams
 
 HEARTBEAT_INTERVAL = 1.0
 """Time [s] between this program's own heartbeats, as MAVLink asks for."""
@@ -23,38 +23,12 @@ looks at 20 Hz."""
 MAX_PARSERS = 16
 """Addresses whose unfinished frames are kept: a choice, so that forged ones fill no memory."""
 
-STREAM_TIMEOUT = 3.0
-"""Time [s] without a message after which it is asked for: a choice, six messages at 2 Hz."""
-
-MAX_STREAM_PAUSE = 60.0
-"""Longest time [s] after which a message that does not come is asked for again: a choice."""
-
 REBOOT_STEP = 1000
 """How far [ms] the autopilot's time since boot goes back when it has rebooted, at least: a choice,
 as datagrams can overtake each other."""
 
-STREAM_RATES = {
-    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
-    mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: 5.0,
-    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 2.0,
-    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 2.0,
-    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 2.0,
-    mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 2.0,
-    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 2.0,
-}
-"""Rate [Hz] by id of each message that the bridge needs: choices, 10 Hz to fly by."""
-
 BOOTING = (mavlink.MAV_STATE_UNINIT, mavlink.MAV_STATE_BOOT)
 """States of an autopilot that has just started."""
-
-
-@dataclass
-class _Stream:
-    """A message that is asked for: when it came and was asked for last, and how long to wait."""
-
-    seen: float = -math.inf
-    asked: float = -math.inf
-    pause: float = STREAM_TIMEOUT
 
 
 class AutopilotLink:
@@ -108,8 +82,7 @@ class AutopilotLink:
         self._identity = Identity(target_system, timeout)
         self._exchange = CommandExchange(self._transmit)
         self._answers: list[Answer] = []
-        self._requests = {number: _interval(number, rate) for number, rate in streams.items()}
-        self._streams: dict[int, _Stream] = {}
+        self._streams = Streams(streams)
         self._read_error = ''
         self._polled_at: float | None = None
         self._beat_at = -math.inf
@@ -203,6 +176,10 @@ class AutopilotLink:
         answers, self._answers = self._answers, []
         return answers
 
+    def expect(self, component: int) -> None:
+        """Count a component of the vehicle as heard before: it is missed if it is not heard."""
+        self._identity.expect(component)
+
     def component_age(self, component: int, now: float) -> float | None:
         """Seconds since a component of the vehicle was heard, None if it never was.
 
@@ -272,10 +249,9 @@ class AutopilotLink:
                 self._sort_answers()
         elif kind == 'STATUSTEXT':
             self._exchange.hear(message, now)
-        number = message.get_msgId()
-        if number in self._requests:
-            self._streams[number] = _Stream(seen=now)
-            self.refused.pop(self._requests[number].name, None)
+        asked_for = self._streams.seen(message.get_msgId(), now)
+        if asked_for is not None:
+            self.refused.pop(asked_for.name, None)
 
     def _has_rebooted(self, message: Any) -> bool:
         kind = message.get_type()
@@ -315,14 +291,9 @@ class AutopilotLink:
         """Ask for one stream that does not arrive; one at a time, as an ACK names no stream."""
         if self._exchange.waits_for(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL):
             return
-        for number, request in self._requests.items():
-            stream = self._streams.setdefault(number, _Stream())
-            if now - max(stream.seen, stream.asked) > stream.pause:
-                if stream.asked > stream.seen:
-                    stream.pause = min(2.0 * stream.pause, MAX_STREAM_PAUSE)
-                stream.asked = now
-                self._exchange.send((request,), now)
-                return
+        request = self._streams.due(now)
+        if request is not None:
+            self._exchange.send((request,), now)
 
     def _transmit(self, command: MavCommand, confirmation: int) -> None:
         target = self.target_system, mavlink.MAV_COMP_ID_AUTOPILOT1
@@ -339,9 +310,3 @@ class AutopilotLink:
                 self._port.write(data)
         except OSError as error:
             self._read_error = error.strerror or str(error)
-
-
-def _interval(message: int, rate: float) -> MavCommand:
-    """Return the command that asks for a message at a rate [Hz]."""
-    params = (float(message), 1e6 / rate, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return MavCommand(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, params)

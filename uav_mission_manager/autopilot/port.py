@@ -18,7 +18,7 @@ from typing import Any
 
 from pymavlink import mavutil
 
-from uav_mission_manager.autopilot.threaded_port import PORT_READ_BYTES, PORT_ERRORS, ThreadedPort
+from uav_mission_manager.autopilot.threaded_port import PORT_ERRORS, PORT_READ_BYTES, ThreadedPort
 from uav_mission_manager.autopilot.wire import SerialWire, TcpWire
 
 MAX_PORT_READS = 200
