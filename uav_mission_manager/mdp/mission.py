@@ -198,6 +198,10 @@ class Mission:
         """Number of goals."""
         return len(self.goals)
 
+    def geography(self) -> dict[str, Any]:
+        """Return what a command means on the ground: weights may differ, these must not."""
+        return {'goals': [(goal.name, goal.cell) for goal in self.goals], 'grid': self.grid}
+
     def to_dict(self) -> dict[str, Any]:
         """Return the mission in the mission file's schema; reading it gives an equal mission."""
         data = asdict(self)

@@ -338,16 +338,11 @@ def load_policy(directory: str | Path, mission: Mission | None = None) -> Policy
     if contents.method not in POLICY_KINDS:
         raise PolicyError(f'{directory}: method: {contents.method!r} is unknown')
     if mission is not None:
-        for what, wanted in _geography(mission).items():
-            found = _geography(contents.mission)[what]
+        for what, wanted in mission.geography().items():
+            found = contents.mission.geography()[what]
             if found != wanted:
                 raise PolicyError(f'{directory}: mission.{what}: {found} are not {wanted}')
     try:
         return POLICY_KINDS[contents.method].from_set(contents, digest)
     except PolicyError as error:
         raise PolicyError(f'{directory}: {error}') from error
-
-
-def _geography(mission: Mission) -> dict[str, object]:
-    """Return what a command means on the ground: weights may differ, these must not."""
-    return {'goals': [(goal.name, goal.cell) for goal in mission.goals], 'grid': mission.grid}

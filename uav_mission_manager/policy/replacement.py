@@ -41,9 +41,9 @@ def taking_the_place_of(place: Path) -> Iterator[Path]:
     with _scratch_folder(place) as fresh:
         yield fresh
         for path in (*fresh.iterdir(), fresh):
-            _flush(path)
+            flush(path)
         _put(fresh, place)
-        _flush(place.parent)
+        flush(place.parent)
 
 
 def exchange(first: Path, second: Path) -> None:
@@ -113,7 +113,7 @@ def _lock(descriptor: int, options: int = 0) -> bool:
     return True
 
 
-def _flush(path: Path) -> None:
+def flush(path: Path) -> None:
     """Wait until a file or folder is on the disk."""
     with _opened(path) as descriptor:
         try:
