@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from ros_helpers import Ros
-from rosgraph_msgs.msg import Clock
 from std_msgs.msg import UInt8MultiArray
 
 from uav_mission_manager.nodes import qos
@@ -33,18 +32,7 @@ def test_a_node_goes_on_when_ros_time_goes_back_and_stands(ros: Ros, node, topic
 
 
 @pytest.mark.parametrize(('node', 'topic', 'kind', 'profile'), REPEATED)
-def test_simulated_time_set_at_the_start_is_followed(ros: Ros, node, topic, kind, profile):
+def test_a_node_goes_on_without_simulated_time(ros: Ros, node, topic, kind, profile):
     messages = ros.listen(topic, kind, profile)
     ros.start(f'nodes.{node}', '--ros-args', '-p', 'use_sim_time:=true', *ARGUMENTS[node])
-    count = len(messages) + 2  # The base station speaks once before any timer.
-    ros.spin(5.0)
-    assert len(messages) < count
-    seconds = iter(range(1, 1000))
-
-    def tick() -> Clock:
-        clock = Clock()
-        clock.clock.sec = next(seconds)
-        return clock
-
-    ros.repeat('/clock', tick, qos.RELIABLE)
-    ros.until(lambda: len(messages) > count, f'{topic} of {node} under simulated time')
+    ros.until(lambda: len(messages) > 3, f'{topic} of {node}')

@@ -4,37 +4,21 @@ from __future__ import annotations
 
 import inspect
 import os
-import re
 import sys
 from collections.abc import Callable
 
 import rclpy
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
-from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.logging import LoggingSeverity, get_logger, set_logger_level
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from uav_mission_manager.nodes.clocks import safety_clock as safety_clock
 from uav_mission_manager.nodes.ending import ENDING
+from uav_mission_manager.nodes.failures import START_ERRORS, FatalError, one_line
+from uav_mission_manager.nodes.lifecycle import ManagedNode
 from uav_mission_manager.nodes.overrides import refuse_unknown
 from uav_mission_manager.nodes.parameters import NodeParameter
-
-START_ERRORS = (
-    ValueError,
-    OSError,
-    MemoryError,
-    ParameterException,
-    NameValidationException,
-    RuntimeError,
-)
-"""What a node that cannot start raises; a bad mission, policy or parameter is a ValueError, and
-rclpy's own errors are RuntimeErrors."""
-
-LONGEST_LINE = 400
-"""Characters of an error that are shown: a choice, a few lines of a terminal."""
 
 MAX_DOMAIN = 232
 """Largest ROS_DOMAIN_ID: the ports of larger ones would be above 65535."""
@@ -43,26 +27,14 @@ SPIN_TIME = 0.2
 """Time [s] after which a node without work looks whether it is to end: a choice."""
 
 
-class FatalError(Exception):
-    """Raise it in a callback to end the node with this one line and exit code 1."""
-
-
-def safety_clock(node: Node) -> Clock:
-    """Return a clock for timers and time-outs that does not jump when the system's time is set.
-
-    It is the node's own clock where `use_sim_time` is set at the start.
-    """
-    if node.get_parameter('use_sim_time').value:
-        return node.get_clock()
-    return Clock(clock_type=ClockType.STEADY_TIME)
-
-
 def run_node(
     node_class: Callable[[], Node],
     table: tuple[NodeParameter, ...],
     args: list[str] | None = None,
 ) -> int:
     """Spin a `node_class()` with the parameters of `table` until the process is asked to stop.
+
+    A node with a life cycle is configured and activated first, unless it is to wait for that.
 
     Returns
     -------
@@ -80,7 +52,10 @@ def run_node(
         try:
             _start_ros(words)
             node = node_class()
-            refuse_unknown(node, qos=True)
+            if isinstance(node, ManagedNode):
+                node.start()
+            else:
+                refuse_unknown(node, qos=True)
         except START_ERRORS as error:
             raise FatalError(one_line(error)) from error
         executor = SingleThreadedExecutor()
@@ -102,16 +77,6 @@ def run_node(
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
-
-
-def one_line(error: Exception) -> str:
-    """Return what an error says in one line, without places in the source of ROS."""
-    if isinstance(error, rclpy_implementation.UnknownROSArgsError):
-        return f'unknown ROS arguments: {error}'
-    text = re.sub(r',? at /\S+:\d+', '', ' '.join(str(error).split()))
-    if isinstance(error, MemoryError):
-        text = f'not enough memory. {text}'
-    return text[:LONGEST_LINE] or type(error).__name__
 
 
 def _start_ros(arguments: list[str]) -> None:
