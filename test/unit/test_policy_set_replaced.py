@@ -271,3 +271,24 @@ def test_a_link_to_a_set_is_replaced_and_what_it_points_to_is_kept(tmp_path, pol
     assert load_policy(tmp_path / 'p').digest == policies[1].digest
     assert load_policy(tmp_path / 'old').digest == policies[0].digest
     assert sorted(os.listdir(tmp_path)) == ['old', 'p']
+
+
+@pytest.mark.parametrize('name', ['manifest.json', '0_value.npy'])
+@pytest.mark.parametrize('kind', ['pipe', 'device', 'folder'])
+def test_what_is_no_regular_file_is_not_waited_for(policies, tmp_path, name, kind):
+    policies[0].save(tmp_path / 'set')
+    place = tmp_path / 'set' / name
+    place.unlink()
+    if kind == 'pipe':
+        os.mkfifo(place)
+    elif kind == 'device':
+        place.symlink_to('/dev/zero')
+    else:
+        place.mkdir()
+
+    def read():
+        signal.alarm(10)  # Else the one that waits would for ever.
+        with pytest.raises(PolicyError, match=r'cannot be read: .*(no regular file|directory)'):
+            load_policy(tmp_path / 'set')
+
+    assert in_child(read) == 0

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import stat
 import tempfile
 import warnings
 from pathlib import Path
@@ -24,6 +25,21 @@ MEMORY_DIVISOR = 2
 """A copy in memory takes one part in so many of what is free: a choice, the rest is for others."""
 
 
+def opened_file(path: Path, flags: int = os.O_RDONLY) -> int:
+    """Return a descriptor of a regular file: a pipe or a device may let its reader wait for ever.
+
+    Raises
+    ------
+    OSError
+        If it is none, or cannot be opened.
+    """
+    descriptor = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise OSError(f'{path}: is no regular file')
+    return descriptor
+
+
 def private_copy(file: Path) -> tuple[NDArray[np.uint8], str]:
     """Return a file's bytes, read-only, and their SHA-256.
 
@@ -36,7 +52,7 @@ def private_copy(file: Path) -> tuple[NDArray[np.uint8], str]:
         If the file cannot be read, or there is no room for the copy.
     """
     digest, end = hashlib.sha256(), 0
-    with file.open('rb', buffering=0) as stream:
+    with open(opened_file(file), 'rb', buffering=0) as stream:
         copy = _room(file, os.fstat(stream.fileno()).st_size)
         while count := stream.readinto(copy.data[end : end + CHUNK_BYTES]):
             # What is hashed is the copy: the file may change meanwhile.

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from uav_mission_manager.mdp import Mission, MissionError, mission_from_dict
 from uav_mission_manager.mdp.arrays import AnyArray
 from uav_mission_manager.policy.certificate import Certificate
-from uav_mission_manager.policy.private_copy import CHUNK_BYTES, private_copy
+from uav_mission_manager.policy.private_copy import CHUNK_BYTES, opened_file, private_copy
 from uav_mission_manager.policy.replacement import taking_the_place_of
 from uav_mission_manager.solver.bounds import LowerBound
 from uav_mission_manager.solver.decomposition.plan import Plan
@@ -241,7 +241,8 @@ def _sha256(file: Path) -> str:
 
 def _read_manifest(place: Path) -> dict[str, Any]:
     try:
-        text = place.read_text(encoding='utf-8')
+        with open(opened_file(place), encoding='utf-8') as stream:
+            text = stream.read()
         manifest = json.loads(text)
     except OSError as error:
         raise PolicyError(f'{place}: cannot be read: {error}') from error
