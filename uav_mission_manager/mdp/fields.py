@@ -7,10 +7,14 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, NoReturn, TypeVar
 
+from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.mdp.mission import Matrix, Row
 
 ROW_SUM_TOLERANCE = 1e-9
 """Largest distance of a sum of probabilities from 1: a choice, room for rounding."""
+
+MAX_NAME_LENGTH = 100
+"""Characters of a name: a choice, room for several of them in a line."""
 
 _T = TypeVar('_T')
 
@@ -33,18 +37,18 @@ class Section:
     def __init__(self, data: Any, source: str, place: str) -> None:
         self.source, self.place = source, place
         if not isinstance(data, Mapping):
-            self.fail('', f'{data!r} is not a mapping')
+            self.fail('', f'{quoted(data)} is not a mapping')
         self.data: Mapping[Any, Any] = data
-        self.known: list[str] = []
+        self.known: dict[Any, None] = {}  # In the order they were asked for.
 
-    def fail(self, key: str, problem: str) -> NoReturn:
+    def fail(self, key: object, problem: str) -> NoReturn:
         """Raise a `MissionError` about one field."""
-        field = ' '.join(f'{self.place}.{key}'.strip('.').split()) or 'mission'
-        raise MissionError(f'{self.source}: {field}: {problem}')
+        field = f'{self.place}.{shown(key)}'.strip('.') or 'mission'
+        raise MissionError(f'{shown(self.source)}: {field}: {problem}')
 
     def get(self, key: str, check: Callable[[Any], _T], default: Any = NO_DEFAULT) -> _T:
         """Return the checked value of a field, or its default."""
-        self.known.append(key)
+        self.known[key] = None
         if key not in self.data:
             if default is NO_DEFAULT:
                 self.fail(key, 'is missing')
@@ -68,20 +72,20 @@ class Section:
         """Refuse fields nobody asked for, naming the nearest known one."""
         for key in self.data:
             if key not in self.known:
-                near = difflib.get_close_matches(str(key), self.known, n=1, cutoff=0.0)
-                self.fail(str(key), f'is unknown; the nearest known key is {near[0]!r}')
+                near = difflib.get_close_matches(shown(key), self.known, n=1, cutoff=0.0)
+                self.fail(key, f'is unknown; the nearest known key is {near[0]!r}')
 
 
 def number(value: Any) -> float:
     """Check a finite number."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise Bad(f'{value!r} is not a number')
+        raise Bad(f'{quoted(value)} is not a number')
     try:
         number = float(value)
     except OverflowError:
-        raise Bad(f'{value!r} is too large') from None
+        raise Bad(f'{quoted(value)} is too large') from None
     if not math.isfinite(number):
-        raise Bad(f'{value!r} is not finite')
+        raise Bad(f'{quoted(value)} is not finite')
     return number
 
 
@@ -91,7 +95,7 @@ def within(low: float, high: float) -> Callable[[Any], float]:
     def check(value: Any) -> float:
         checked = number(value)
         if not low <= checked <= high:
-            raise Bad(f'{value!r} is outside {low:g}..{high:g}')
+            raise Bad(f'{quoted(value)} is outside {low:g}..{high:g}')
         return checked
 
     return check
@@ -105,7 +109,7 @@ def non_negative(value: Any) -> float:
     """Check a number that is not negative."""
     checked = number(value)
     if checked < 0:
-        raise Bad(f'{value!r} is negative')
+        raise Bad(f'{quoted(value)} is negative')
     return checked
 
 
@@ -113,7 +117,7 @@ def positive(value: Any) -> float:
     """Check a number above 0."""
     checked = number(value)
     if checked <= 0:
-        raise Bad(f'{value!r} is not above 0')
+        raise Bad(f'{quoted(value)} is not above 0')
     return checked
 
 
@@ -121,7 +125,7 @@ def open_unit(value: Any) -> float:
     """Check a number between 0 and 1, both excluded."""
     checked = number(value)
     if not 0 < checked < 1:
-        raise Bad(f'{value!r} is not between 0 and 1')
+        raise Bad(f'{quoted(value)} is not between 0 and 1')
     return checked
 
 
@@ -130,18 +134,22 @@ def integer(low: int, high: int | None = None) -> Callable[[Any], int]:
 
     def check(value: Any) -> int:
         if isinstance(value, bool) or not isinstance(value, int):
-            raise Bad(f'{value!r} is not a whole number')
+            raise Bad(f'{quoted(value)} is not a whole number')
         if value < low or (high is not None and value > high):
-            raise Bad(f'{value!r} is outside {low}..{"" if high is None else high}')
+            raise Bad(f'{quoted(value)} is outside {low}..{"" if high is None else high}')
         return value
 
     return check
 
 
 def name(value: Any) -> str:
-    """Check a string without white space."""
+    """Check a string without white space, which every log and topic can carry."""
     if not isinstance(value, str) or not value or value.split() != [value]:
-        raise Bad(f'{value!r} is not a name (a string without white space)')
+        raise Bad(f'{quoted(value)} is not a name (a string without white space)')
+    if len(value) > MAX_NAME_LENGTH:
+        raise Bad(f'{quoted(value)} has more than {MAX_NAME_LENGTH} characters')
+    if not value.isprintable():
+        raise Bad(f'{quoted(value)} has characters that cannot be printed')
     return value
 
 
@@ -150,7 +158,7 @@ def one_of(*names: str) -> Callable[[Any], str]:
 
     def check(value: Any) -> str:
         if value not in names:
-            raise Bad(f'{value!r} is none of {", ".join(names)}')
+            raise Bad(f'{quoted(value)} is none of {", ".join(names)}')
         return str(value)
 
     return check
@@ -161,7 +169,7 @@ def row(length: int, check: Callable[[Any], float]) -> Callable[[Any], Row]:
 
     def check_row(value: Any) -> Row:
         if not isinstance(value, (list, tuple)) or len(value) != length:
-            raise Bad(f'{value!r} is not a list of {length} numbers')
+            raise Bad(f'{quoted(value)} is not a list of {length} numbers')
         return tuple(check(entry) for entry in value)
 
     return check_row
@@ -172,7 +180,7 @@ def matrix(rows: int, check_row: Callable[[Any], Row]) -> Callable[[Any], Matrix
 
     def check_matrix(value: Any) -> Matrix:
         if not isinstance(value, (list, tuple)) or len(value) != rows:
-            raise Bad(f'{value!r} is not a list of {rows} rows')
+            raise Bad(f'{quoted(value)} is not a list of {rows} rows')
         return tuple(check_row(row) for row in value)
 
     return check_matrix
@@ -182,7 +190,7 @@ def distribution(value: Any) -> Row:
     """Check three probabilities that sum to 1."""
     values = row(3, probability)(value)
     if abs(sum(values) - 1) > ROW_SUM_TOLERANCE:
-        raise Bad(f'row {value!r} sums to {sum(values):.12g}, not to 1')
+        raise Bad(f'row {quoted(value)} sums to {sum(values):.12g}, not to 1')
     return values
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import yaml
 
+from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.geodesy import Origin
 from uav_mission_manager.mdp import fields
 from uav_mission_manager.mdp.fields import Bad, MissionError, Section
@@ -26,6 +27,13 @@ from uav_mission_manager.mdp.mission import (
     ServiceCost,
     Threat,
 )
+from uav_mission_manager.mdp.strict_yaml import read_yaml
+
+MAX_FILE_BYTES = 8_000_000
+"""Bytes of a mission file at most: a choice, several times those of one with 90,000 zones."""
+
+MAX_CELLS = 1_000_000
+"""Cells of a grid at most: a choice; one goal on so many takes a minute and gigabytes."""
 
 
 def load_mission(path: str | Path) -> Mission:
@@ -37,12 +45,21 @@ def load_mission(path: str | Path) -> Mission:
         If the file cannot be read, is not YAML or holds a bad, missing or unknown field.
     """
     try:
-        data = yaml.load(Path(path).read_text(encoding='utf-8'), Loader=_StrictLoader)
-    except (OSError, UnicodeDecodeError) as error:
-        raise MissionError(f'{path}: cannot be read: {error}') from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        # PyYAML lets a date such as 2020-13-45 and deep nesting end in errors of Python.
-        raise MissionError(f'{path}: not valid YAML: {" ".join(str(error).split())}') from error
+        with Path(path).open('rb') as file:
+            content = file.read(MAX_FILE_BYTES + 1)
+        text = content.decode()
+    except (OSError, ValueError) as error:
+        problem = shown(getattr(error, 'strerror', None) or error)  # Not the path once more.
+        raise MissionError(f'{shown(path)}: cannot be read: {problem}') from error
+    if len(content) > MAX_FILE_BYTES:
+        raise MissionError(
+            f'{shown(path)}: is no mission file: more than {MAX_FILE_BYTES:,} bytes'
+        )
+    try:
+        data = read_yaml(text)
+    except (yaml.YAMLError, RecursionError) as error:
+        problem = shown(' '.join(str(error).split()))
+        raise MissionError(f'{shown(path)}: not valid YAML: {problem}') from error
     return mission_from_dict(data, str(path))
 
 
@@ -74,47 +91,11 @@ def mission_from_dict(data: Any, source: str) -> Mission:
     return mission
 
 
-_NUMBERS = {
-    'tag:yaml.org,2002:int': r"""[-+]? (0 | [1-9][0-9_]* | 0b[01_]+ | 0x[0-9a-fA-F_]+)$""",
-    'tag:yaml.org,2002:float': r"""[-+]? (
-        ([0-9][0-9_]*\.[0-9_]* | \.[0-9][0-9_]*) ([eE][-+]?[0-9]+)?
-        | [0-9][0-9_]*[eE][-+]?[0-9]+
-        | \.(inf | Inf | INF | nan | NaN | NAN)
-    )$""",
-}
-"""How numbers may be written in a mission file, by YAML's tag for what they are."""
-
-
-class _StrictLoader(yaml.SafeLoader):
-    """YAML without its silent traps.
-
-    A key given twice is an error. What YAML 1.1 reads as a number to the base 8 or 60 (010, 1:30)
-    and YAML 1.2 does not is none; 1e-3, the other way round, is one.
-    """
-
-    yaml_implicit_resolvers = {  # noqa: RUF012
-        first: [(tag, pattern) for tag, pattern in resolvers if tag not in _NUMBERS]
-        for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
-    }
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [(key.tag, key.value) for key, _ in node.value]
-        for tag, key in keys:
-            if isinstance(key, str) and keys.count((tag, key)) > 1:
-                raise yaml.YAMLError(f'key {key!r} twice in one mapping{node.start_mark}')
-        return super().construct_mapping(node, deep=deep)
-
-
-for _tag, _pattern in _NUMBERS.items():
-    _StrictLoader.add_implicit_resolver(_tag, re.compile(_pattern, re.VERBOSE), [*'-+.0123456789'])
-
-
 def _feasibility(source: str) -> Callable[[Any], str]:
     def check(value: Any) -> str:
         if value == 'seed':
-            text = (
-                f"{source}: feasibility: 'seed' is the old word for 'paper'; please write 'paper'"
-            )
+            problem = "'seed' is the old word for 'paper'; please write 'paper'"
+            text = f'{shown(source)}: feasibility: {problem}'
             warnings.warn(text, FutureWarning, stacklevel=2)
             return 'paper'
         return fields.one_of('strict', 'paper')(value)
@@ -133,9 +114,8 @@ def _cell(grid: Grid) -> Callable[[Any], int]:
 
 
 def _grid(section: Section) -> Grid:
-    size = Grid(
-        section.get('rows', fields.integer(1)), section.get('cols', fields.integer(1)), 0, 0
-    )
+    rows = section.get('rows', fields.integer(1, MAX_CELLS))
+    size = Grid(rows, section.get('cols', fields.integer(1, MAX_CELLS // rows)), 0, 0)
     return Grid(
         rows=size.rows,
         cols=size.cols,
@@ -174,7 +154,7 @@ def _goals(root: Section, grid: Grid, shared: Matrix | None) -> tuple[Goal, ...]
             ),
         )
         if goal.name in (other.name for other in goals):
-            section.fail('name', f'{goal.name!r} is the name of another goal too')
+            section.fail('name', f'{quoted(goal.name)} is the name of another goal too')
         section.end()
         goals.append(goal)
     return tuple(goals)
@@ -182,7 +162,7 @@ def _goals(root: Section, grid: Grid, shared: Matrix | None) -> tuple[Goal, ...]
 
 def _list_of_goals(value: Any) -> list[Any]:
     if not isinstance(value, (list, tuple)) or not value:
-        raise Bad(f'{value!r} is not a list of at least one goal')
+        raise Bad(f'{quoted(value)} is not a list of at least one goal')
     return list(value)
 
 
@@ -235,9 +215,9 @@ def _by_cell(
             whole = isinstance(key, str) and re.fullmatch('0|[1-9][0-9]{,17}', key)
             cell = _cell(grid)(int(key) if whole else key)
         except Bad as error:
-            section.fail(str(key), str(error))
+            section.fail(key, str(error))
         if cell in values:
-            section.fail(str(key), f'{key!r} names a cell that another key names too')
+            section.fail(key, f'{quoted(key)} names a cell that another key names too')
         values[cell] = value
     return tuple(sorted(values.items()))
 
