@@ -3,12 +3,15 @@
 Someone else has taken command when the mode changes to one that was not ordered from here, or when
 the motors stop in GUIDED or in the air. A failsafe that leaves the vehicle in GUIDED takes nothing
 over; one that begins in a landing may be why it goes on. A vehicle that is flown by hand from the
-start is taken over when it is put into GUIDED.
+start is taken over when it is put into GUIDED. What happened unseen while this program was not
+running counts as if it had been seen: it was nobody here who did it.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 from uav_mission_manager.autopilot.telemetry import Telemetry
 from uav_mission_manager.autopilot.vehicle import FlightMode, mode_name
@@ -48,8 +51,10 @@ class Authority:
         self.motors_started_here = False
         self._mode: int | None = None  # the mode in which this program is in command
         self._ordered: int | None = None  # the mode that it waits for
-        self._ordered_at = self._arm_asked = -math.inf
+        self._ordered_at = -math.inf
+        self._arm_asked: float | None = None  # until the motors run, or it has had its time
         self._adopt = False
+        self._restored = False  # and nothing seen since
         self._fell_at, self._stopped_at = math.inf, -math.inf
         self._seen: tuple[int | None, bool] = (None, False)
         self._failsafe_seen = False
@@ -71,10 +76,37 @@ class Authority:
         """Take command again, whatever the mode is."""
         self.taken, self._adopt, self._fell_at = '', True, math.inf
 
+    @property
+    def armed(self) -> bool:
+        """Whether the motors ran when the vehicle was last seen."""
+        return self._seen[1]
+
+    @property
+    def memory(self) -> dict[str, Any]:
+        """What `restore` takes: JSON values."""
+        return {
+            'taken': self.taken,
+            'mode': self._mode,
+            'ordered': self._ordered,
+            'arming': self._arm_asked is not None,
+            'armed': self.armed,
+            'motors_started_here': self.motors_started_here,
+            'failsafe': self._failsafe_seen,
+        }
+
+    def restore(self, memory: Mapping[str, Any]) -> None:
+        """Go on from a `memory`; the time of requests under way counts from what is seen next."""
+        self.taken, self._mode = memory['taken'], memory['mode']
+        self._ordered, self._ordered_at = memory['ordered'], math.inf
+        self._arm_asked = math.inf if memory['arming'] else None
+        self._seen = None, memory['armed']
+        self.motors_started_here = memory['motors_started_here']
+        self._failsafe_seen, self._restored = memory['failsafe'], True
+
     def link_lost(self) -> None:
         """Take nothing over unseen; on the ground the autopilot may reboot meanwhile."""
         self._adopt = False
-        if not self._seen[1]:
+        if not self.armed and not self._restored:
             self._mode = self._ordered = None
 
     def watch(self, telemetry: Telemetry, now: float) -> tuple[bool, bool]:
@@ -85,8 +117,14 @@ class Authority:
         tuple of bool
             Whether mode or arming have changed, and whether command was found given here.
         """
-        if telemetry.armed and not self._seen[1]:
-            self.motors_started_here = now - self._arm_asked < REQUEST_EFFECT_TIME
+        self._restored = False
+        self._ordered_at = min(self._ordered_at, now)
+        if self._arm_asked is not None:
+            self._arm_asked = min(self._arm_asked, now)
+            if now - self._arm_asked >= REQUEST_EFFECT_TIME:
+                self._arm_asked = None
+        if telemetry.armed and not self.armed:
+            self.motors_started_here, self._arm_asked = self._arm_asked is not None, None
             if not self.motors_started_here:  # by hand: not ours until it is put into GUIDED
                 self._mode = self._ordered = None
         given = self._mode is None and telemetry.armed and telemetry.mode == FlightMode.GUIDED
@@ -108,9 +146,9 @@ class Authority:
             failsafe = ', the autopilot is in a failsafe' if telemetry.failsafe else ''
             return f'{mode_name(telemetry.mode)} was not ordered from here{failsafe}'
         began = telemetry.armed and telemetry.failsafe and not self._failsafe_seen
-        if began and self._seen[1] and telemetry.mode in (FlightMode.LAND, FlightMode.RTL):
+        if began and self.armed and telemetry.mode in (FlightMode.LAND, FlightMode.RTL):
             return f'the autopilot is in a failsafe ({mode_name(telemetry.mode)})'
-        stopped = self._seen[1] and not telemetry.armed
+        stopped = self.armed and not telemetry.armed
         if stopped and telemetry.mode == FlightMode.GUIDED:
             return 'disarmed, but not from here'
         if not telemetry.armed and abs(self._fell_at - self._stopped_at) <= FALL_TIME:
@@ -118,7 +156,7 @@ class Authority:
         return _fallen(telemetry) if stopped else ''
 
     def _watch_falls(self, telemetry: Telemetry, now: float) -> None:
-        if self._seen[1] and not telemetry.armed:
+        if self.armed and not telemetry.armed:
             self._stopped_at = now
         position = telemetry.position
         if position is not None and position.velocity[2] < -FALL_RATE:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from uav_mission_manager.autopilot.faults import Fault, FaultEstimator
 from uav_mission_manager.autopilot.link import AutopilotLink
-from uav_mission_manager.autopilot.pilot import NO_POSITION_TO_HOLD, Pilot
+from uav_mission_manager.autopilot.pilot import NO_POSITION_TO_HOLD, NOT_ACTIVE, Pilot
 from uav_mission_manager.autopilot.task import NO_HEARTBEAT, Phase, PilotOutput
 from uav_mission_manager.autopilot.telemetry import (
     BatteryReading,
@@ -70,10 +72,17 @@ class BridgeStep:
 
 
 class VehicleBridge:
-    """Hears the vehicle and flies it; `step` is to be called some 20 times a second."""
+    """Hears the vehicle and flies it; `step` is to be called some 20 times a second.
+
+    Attributes
+    ----------
+    remember : callable
+        Called with the `memory` before anything is done that follows from it.
+    """
 
     def __init__(self, link: AutopilotLink, pilot: Pilot, faults: FaultEstimator) -> None:
         self.link, self.pilot, self.faults = link, pilot, faults
+        self.remember: Callable[[dict[str, Any]], object] = lambda memory: None
         self.telemetry = Telemetry()
         self.output: PilotOutput = NO_HEARTBEAT
         self._said: dict[str, str] = {}
@@ -88,20 +97,52 @@ class VehicleBridge:
         self.link.repeat(now)
         self._tell(now)
         battery, position = self.telemetry.worst_battery, self.telemetry.fix(now)
+        fault = self._judge(now)
+        self.remember(self.memory)
         log, self._log = tuple(self._log), []
         return BridgeStep(
             output,
             battery if self.telemetry.battery is not last.battery else None,
             position if position is not last.position else None,
-            self._judge(now),
+            fault,
             log,
         )
+
+    @property
+    def memory(self) -> dict[str, Any]:
+        """What another one needs to go on from here: JSON values."""
+        return {
+            'pilot': self.pilot.memory,
+            'faults': self.faults.memory,
+            'camera': self.link.component_age(CAMERA_COMPONENT, 0.0) is not None,
+        }
+
+    def restore(self, memory: Mapping[str, Any]) -> None:
+        """Go on from the `memory` of another one, before the first `step`.
+
+        Raises
+        ------
+        ValueError
+            It is none.
+        """
+        try:
+            self.pilot.restore(memory['pilot'])
+            self.faults.restore(memory['faults'])
+            if memory['camera']:
+                self.link.expect(CAMERA_COMPONENT)
+        except (KeyError, TypeError) as error:
+            raise ValueError(f'no memory of a bridge: {error!r}') from error
+
+    def distrust(self, why: str) -> None:
+        """Obey nobody until `resume`, for what was before is not known: see `Pilot.distrust`."""
+        self.pilot.distrust(why)
 
     def hold(self, now: float) -> tuple[bool, str]:
         """Hold until `resume`; return whether it does, and a word about it."""
         if self.output.phase is Phase.PILOT:
             return False, self.output.status
         self.pilot.hold()
+        self.remember(self.memory)
         if not self.link.up:
             return False, f'{self.output.status}; holds when it is back'
         if self.telemetry.on_ground is not True and self.telemetry.fix(now) is None:
@@ -112,6 +153,8 @@ class VehicleBridge:
         """Give command back to the manager; return whether it has it, and what is done now."""
         if self.output.phase is Phase.NO_LINK:
             return False, self.output.status
+        if not self.pilot.active:
+            return False, NOT_ACTIVE
         self.pilot.resume(now)
         output = self._fly(now)
         resumed = output.phase not in (Phase.PILOT, Phase.NO_LINK)
@@ -160,6 +203,7 @@ class VehicleBridge:
         last, self.output = self.output, output
         if output.phase is not last.phase:  # What was asked for is no longer wanted.
             self.link.cancel()
+        self.remember(self.memory)
         for request in output.requests:
             self.link.send(commands(request), now)
         if output.serviced:

@@ -188,15 +188,28 @@ class FaultEstimator:
         self._forget_motors()
 
     def link_lost(self) -> None:
-        """Say nothing until the vehicle is located again; faults that were set stay."""
-        self._located = False
+        """Say nothing until the vehicle is located again; faults that were set stay.
+
+        One that could not be located is not waited for: that is its fault.
+        """
+        self._located = bool(self._faults & Fault.SENSOR)
         self._since.clear()
         self._forget_motors()
 
+    @property
+    def memory(self) -> int:
+        """What `restore` takes."""
+        return int(self._faults)
+
+    def restore(self, memory: int) -> None:
+        """Go on with the faults of a `memory`."""
+        self._faults = Fault(memory)
+        self.link_lost()
+
     def rebooted(self) -> None:
         """Judge sensors and camera anew; an actuator fault stays until `serviced`."""
-        self.link_lost()
         self._faults &= Fault.ACTUATOR
+        self.link_lost()
 
     def _debounce(self, fault: Fault, seen: bool, now: float) -> None:
         """Set or clear a fault once the change has lasted."""

@@ -8,11 +8,13 @@ of the vehicle. A request is repeated, with growing pauses, until telemetry show
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from uav_mission_manager.autopilot.authority import Authority
 from uav_mission_manager.autopilot.flying import TaskFlight
 from uav_mission_manager.autopilot.requests import Requests
+from uav_mission_manager.autopilot.service import ServiceStop
 from uav_mission_manager.autopilot.site import Site
 from uav_mission_manager.autopilot.task import (
     NO_HEARTBEAT,
@@ -38,6 +40,9 @@ MIN_HOLD_HEIGHT = 3.0
 NO_POSITION_TO_HOLD = 'no position to hold; what happens is up to the autopilot and its failsafes'
 """What the pilot says where it should hold and cannot."""
 
+NOT_ACTIVE = 'the bridge is not active'
+"""Why the pilot obeys nobody while it is not."""
+
 UNTIL_RESUME = 'until ~/resume'
 """For how long the pilot holds, where it was told to or something has gone wrong."""
 
@@ -56,29 +61,32 @@ class Pilot:
     goals_wanted : bool or None
         Whether any goal has a priority above 0; without, a vehicle on the ground stays there.
         None where nobody says: then a commitment says that its goal is wanted.
+    active : bool
+        Whether it obeys the manager; in flight it holds otherwise.
     """
 
     def __init__(self, settings: Settings, ground: Callable[[float, float], float]) -> None:
         self._settings = settings
         self._site = Site(settings, ground)
         self.goals_wanted: bool | None = None
+        self.active = True
         self._authority = Authority()
         self._requests = Requests()
         self._task: FlightTask | None = None
         self._heard = self._awaited = -math.inf  # the manager's last command; awaited anew since
         self._updated = self._take_off_at = -math.inf
-        self._held = self._returning = ''  # why
+        self._held = self._returning = self._distrusted = ''  # why
         self._landing = False  # in LAND, by an order from here
         self._flight = TaskFlight(settings, self._requests)
         self._hold_point: Position | None = None
-        self._arrived: float | None = None  # at the service cell, on the ground
+        self._service = ServiceStop(self._site)
 
     def command(self, task: FlightTask, now: float) -> None:
         """Take a mission command; every repetition is a sign of life of the manager."""
         if self._task is None or self._task.goal != task.goal:
             self._flight.retarget()
         if self._task is None or self._task.service != task.service:
-            self._arrived = None
+            self._service.interrupt()
         if self._task is None or self._task.text != task.text:
             self._requests.forget_refusals()
         self._task, self._heard = task, now
@@ -87,12 +95,43 @@ class Pilot:
         """Hold position, or stay on the ground, until `resume`."""
         self._held, self._returning, self._hold_point = UNTIL_RESUME, '', None
 
+    def set_active(self, active: bool, now: float) -> None:
+        """Obey the manager, who is awaited anew, or nobody."""
+        self.active = active
+        self._await_manager(now)
+
     def resume(self, now: float) -> None:
         """Take command again, whatever the mode is; a silent manager is awaited anew."""
-        self._held = self._returning = ''
+        self._held = self._returning = self._distrusted = ''
         self._landing = False
         self._authority.resume()
         self._await_manager(now)
+
+    @property
+    def armed(self) -> bool:
+        """Whether the motors ran when the vehicle was last seen."""
+        return self._authority.armed
+
+    @property
+    def memory(self) -> dict[str, Any]:
+        """What `restore` takes: JSON values."""
+        return {
+            'held': self._held,
+            'returning': self._returning,
+            'distrusted': self._distrusted,
+            'landing': self._landing,
+            'authority': self._authority.memory,
+        }
+
+    def restore(self, memory: Mapping[str, Any]) -> None:
+        """Go on from a `memory`, before the first `update`."""
+        self._held, self._returning = memory['held'], memory['returning']
+        self._distrusted, self._landing = memory['distrusted'], memory['landing']
+        self._authority.restore(memory['authority'])
+
+    def distrust(self, why: str) -> None:
+        """Obey nobody until `resume`: stay on the ground; in flight hold, then return."""
+        self._distrusted = why
 
     def answered(self, kind: type[Request], accepted: bool, why: str) -> None:
         """Take the autopilot's answer to a request."""
@@ -103,7 +142,7 @@ class Pilot:
         last, self._updated = self._updated, now
         if telemetry is None:  # Nothing seen, nothing to take over.
             self._flight.interrupt()
-            self._arrived = None
+            self._service.interrupt()
             self._authority.link_lost()
             self._excuse_manager(last, now)
             return NO_HEARTBEAT
@@ -142,8 +181,11 @@ class Pilot:
         task, position = self._task, telemetry.fix(now)
         if self._returning:
             self._held, self._returning = f'returned to launch: {self._returning}', ''
+        self._held, self._distrusted = self._held or self._distrusted, ''
         if self._held:
             return PilotOutput(Phase.HOLDING, f'on the ground {self._why_held}')
+        if not self.active:
+            return PilotOutput(Phase.HOLDING, f'on the ground; {NOT_ACTIVE}')
         if task is None:
             return PilotOutput(Phase.GROUND, 'no mission command yet')
         if position is None:  # It silences the manager too.
@@ -152,29 +194,11 @@ class Pilot:
             return PilotOutput(Phase.GROUND, 'the manager is silent')
         if far := self._site.too_far(task, position):
             return PilotOutput(Phase.HOLDING, far)
-        if stays := self._may_stay(task, position):
-            return PilotOutput(Phase.GROUND, stays, serviced=self._service(task, position, now))
-        self._arrived = None
+        if stays := self._site.may_stay(task, position, self.goals_wanted):
+            serviced = self._service.done(task, position, now)
+            return PilotOutput(Phase.GROUND, stays, serviced=serviced)
+        self._service.interrupt()
         return self._arm(task, telemetry, position, now)
-
-    def _may_stay(self, task: FlightTask, position: Position) -> str:
-        """Say why a vehicle on the ground stays there, '' if it has a reason to fly."""
-        if self._site.there(task, position) or not (task.land or task.goal):
-            return task.text
-        wanted = bool(task.goal) if self.goals_wanted is None else self.goals_wanted
-        return '' if wanted else f'{task.text}: stays on the ground, for no goal is wanted'
-
-    def _service(self, task: FlightTask, position: Position, now: float) -> bool:
-        """Whether a repair has just been done; while it is commanded, another one follows."""
-        if not (task.service and self._site.there(task, position)):
-            self._arrived = None
-            return False
-        if self._arrived is None:
-            self._arrived = now
-        done = now - self._arrived >= self._settings.service_time
-        if done:
-            self._arrived = now
-        return done
 
     def _arm(
         self, task: FlightTask, telemetry: Telemetry, position: Position, now: float
@@ -211,8 +235,15 @@ class Pilot:
             return self._return(telemetry, now)
         if self._held:
             return self._hold(telemetry, self._why_held, now)
+        if not self.active:
+            return self._wait(NOT_ACTIVE, math.inf, telemetry, now)
+        if self._distrusted:
+            patience = self._awaited + self._settings.rtl_delay - now
+            return self._wait(self._distrusted, patience, telemetry, now)
         if self._task is None or now - self._heard > self._settings.manager_timeout:
-            return self._without_manager(telemetry, now)
+            timeout = self._settings.manager_timeout + self._settings.rtl_delay
+            patience = max(self._heard, self._awaited) + timeout - now
+            return self._wait('the manager is silent', patience, telemetry, now)
         return self._fly(self._task, telemetry, now)
 
     def _fly(self, task: FlightTask, telemetry: Telemetry, now: float) -> PilotOutput:
@@ -228,7 +259,9 @@ class Pilot:
         if self._landing and telemetry.failsafe and telemetry.mode == FlightMode.LAND:
             # It may have turned critical since, which the mode would not show.
             return PilotOutput(Phase.LANDING, 'it goes on, for the autopilot is in a failsafe')
-        if telemetry.on_ground and (stays := self._may_stay(task, position)):
+        if telemetry.on_ground and (
+            stays := self._site.may_stay(task, position, self.goals_wanted)
+        ):
             return self._stop_motors(Phase.GROUND, stays, telemetry, now)
         if telemetry.mode != FlightMode.GUIDED:
             return self._order(FlightMode.GUIDED, Phase.EN_ROUTE, task.text, telemetry, now)
@@ -273,14 +306,11 @@ class Pilot:
             return self._order(FlightMode.LAND, phase, why, telemetry, now)
         return PilotOutput(phase, why)
 
-    def _without_manager(self, telemetry: Telemetry, now: float) -> PilotOutput:
-        """Hold, then return to launch; a landing under way is safe and goes on."""
-        why = 'the manager is silent'
+    def _wait(self, why: str, patience: float, telemetry: Telemetry, now: float) -> PilotOutput:
+        """Hold for `patience` [s], then return; a landing under way is safe and goes on."""
         if telemetry.mode == FlightMode.LAND:
             return PilotOutput(Phase.LANDING, why)
-        silence = now - max(self._heard, self._awaited)
-        patience = self._settings.manager_timeout + self._settings.rtl_delay
-        if silence > patience and not telemetry.on_ground:
+        if patience < 0.0 and not telemetry.on_ground:
             self._returning = why
             return self._return(telemetry, now)
         return self._hold(telemetry, why, now)

@@ -28,6 +28,16 @@ class Site:
         distance = position.distance_to(task.latitude, task.longitude)
         return task.land and distance <= self.settings.landed_radius
 
+    def may_stay(self, task: FlightTask, position: Position, goals_wanted: bool | None) -> str:
+        """Say why a vehicle on the ground stays there, '' if it has a reason to fly.
+
+        Where nobody says whether goals are wanted, a commitment says that its goal is.
+        """
+        if self.there(task, position) or not (task.land or task.goal):
+            return task.text
+        wanted = bool(task.goal) if goals_wanted is None else goals_wanted
+        return '' if wanted else f'{task.text}: stays on the ground, for no goal is wanted'
+
     def too_far(self, task: FlightTask, position: Position) -> str:
         """Say so where the destination cannot be part of a mission flown here, '' where it can."""
         distance = position.distance_to(task.latitude, task.longitude)
