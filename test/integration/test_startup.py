@@ -15,7 +15,6 @@ import pytest
 import yaml
 from ros_helpers import CASE_STUDY, LIMIT, ROOT, NodeProcess, Ros, free_port, ros_domain
 from std_msgs.msg import UInt8MultiArray
-from std_srvs.srv import Trigger
 
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.ending import ENDING_SIGNALS, NODES
@@ -250,43 +249,6 @@ def test_a_signal_at_any_moment_ends_every_node(start: Start, number: int) -> No
         time.sleep(max(0.0, began + moment - time.monotonic()))
         until(lambda process=process: catches(process), 'Python has begun with the node')
         assert_ends(process, number)
-
-
-@pytest.mark.parametrize('number', ENDING_SIGNALS)
-def test_a_signal_ends_a_build_and_leaves_nothing(ros: Ros, tmp_path: Path, number: int) -> None:
-    mission = yaml.safe_load((ROOT / 'config' / 'case_study.yaml').read_text())
-    mission['goals'] += [{**mission['goals'][0], 'name': f'more{n}'} for n in range(4)]
-    (tmp_path / 'large.yaml').write_text(yaml.safe_dump(mission))
-    (tmp_path / 'sets').mkdir()
-    large, out = f'mission:={tmp_path}/large.yaml', f'out:={tmp_path}/sets/set'
-    solver = ros.start('nodes.solver', '--ros-args', '-p', large, '-p', out, '-p', 'method:=exact')
-    client = ros.node.create_client(Trigger, 'solver/build')
-    ros.until(client.service_is_ready, 'the solver')
-    client.call_async(client.srv_type.Request())
-    ros.until(lambda: solver.lines('building'), 'the build')
-    ros.spin(random.uniform(0.0, 1.0))
-    assert_ends(solver, number)
-    assert list((tmp_path / 'sets').iterdir()) == []
-
-
-INTERRUPTED = """
-import os, signal, sys, tempfile
-from uav_mission_manager.nodes.ending import ENDING
-ENDING.watch()
-ENDING.orderly = True
-try:
-    with ENDING.interruptible(), tempfile.TemporaryDirectory(dir=sys.argv[1]):
-        os.kill(os.getpid(), signal.SIGTERM)
-        while True:
-            pass
-except KeyboardInterrupt:
-    print(os.listdir(sys.argv[1]))
-"""
-
-
-def test_what_a_signal_interrupts_can_undo_itself(tmp_path: Path) -> None:
-    run = run_python(INTERRUPTED, str(tmp_path))
-    assert (run.returncode, run.stdout, run.stderr) == (0, '[]\n', '')
 
 
 def test_what_hangs_is_ended() -> None:

@@ -7,8 +7,6 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 NODES = ('manager', 'base_station', 'mavlink_bridge', 'solver')
 """Commands of this package that are nodes."""
@@ -45,7 +43,7 @@ class Ending:
 
     def __init__(self) -> None:
         self.begun = self.orderly = False
-        self._watched = self._interruptible = False
+        self._watched = False
 
     def watch(self) -> None:
         """Begin to watch, in the main thread; a second call changes nothing."""
@@ -61,17 +59,6 @@ class Ending:
                 signal.signal(number, self._on_signal)
         threading.Thread(target=self._end, args=(reader,), daemon=True).start()
 
-    @contextmanager
-    def interruptible(self) -> Iterator[None]:
-        """Raise KeyboardInterrupt in here when a signal comes, for long work to undo itself."""
-        self._interruptible = True
-        try:
-            if self.begun:
-                raise KeyboardInterrupt
-            yield
-        finally:
-            self._interruptible = False
-
     @staticmethod
     def close() -> None:
         """Ignore further signals: what is left of the process ends by itself."""
@@ -80,9 +67,6 @@ class Ending:
 
     def _on_signal(self, *_: object) -> None:
         self.begun = True
-        if self._interruptible:
-            self._interruptible = False
-            raise KeyboardInterrupt
 
     def _end(self, reader: int) -> None:
         while os.read(reader, 1)[0] not in ENDING_SIGNALS:
