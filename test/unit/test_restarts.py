@@ -1,0 +1,418 @@
+"""A bridge that dies, and the one after it: what was true before is true again."""
+
+from __future__ import annotations
+
+import json
+import random
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from scenarios import NEEDED_BEFORE_AN_ORDER
+from simulated_chain import SETTINGS, SimulatedChain
+
+from uav_mission_manager.autopilot.bridge import VehicleBridge
+from uav_mission_manager.autopilot.faults import FaultEstimator
+from uav_mission_manager.autopilot.link import AutopilotLink
+from uav_mission_manager.autopilot.pilot import Pilot
+from uav_mission_manager.autopilot.vehicle import FlightMode
+from uav_mission_manager.policy import load_policy
+
+POLICY = load_policy(Path(__file__).parents[2] / 'policies' / 'case_study')
+ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+TO_FLY = (ARM, mavlink.MAV_CMD_NAV_TAKEOFF)
+
+
+class Mortal(SimulatedChain):
+    """The chain with a bridge that can be killed, and comes back with its memory."""
+
+    def __init__(self, settings=SETTINGS, **options: Any) -> None:
+        super().__init__(POLICY, settings=settings, **options)
+        self.settings = settings
+        self.memory = ''
+        self._adopt(self.bridge)
+
+    def _adopt(self, bridge: VehicleBridge) -> None:
+        self.bridge = bridge
+        bridge.remember = self._remember
+
+    def _remember(self, memory: dict[str, Any]) -> None:
+        self.memory = json.dumps(memory)
+
+    def kill_bridge(self, seconds: float = 3.0) -> None:
+        """End the bridge; another one starts after some seconds."""
+        self.end_bridge(seconds)
+        if self.memory:
+            self.bridge.restore(json.loads(self.memory))
+
+    def end_bridge(self, seconds: float = 3.0) -> None:
+        self.stall(seconds)
+        self.port.arrived.clear()
+        self.heard.clear()
+        link = AutopilotLink(self.port, source_system=245)
+        self._adopt(VehicleBridge(link, Pilot(self.settings, self._plan.ground), FaultEstimator()))
+
+    def until_ready(self) -> None:
+        self.until(lambda: self.ready and self.fault == 'nominal', 'ready')
+
+    def orders_to_fly(self) -> list[Any]:
+        return [order for order in self.orders if order.number in TO_FLY]
+
+    def beat_as_camera(self) -> None:
+        """Let the bridge hear a camera."""
+        camera = mavlink.MAVLink(None, srcSystem=1, srcComponent=100)
+        ids = mavlink.MAV_TYPE_CAMERA, mavlink.MAV_AUTOPILOT_INVALID
+        self.port.arrived.append(mavlink.MAVLink_heartbeat_message(*ids, 0, 0, 4, 3).pack(camera))
+
+
+def flying() -> Mortal:
+    chain = Mortal()
+    chain.want(0, 2, 0)
+    chain.until_flying()
+    return chain
+
+
+# Held, taken over, returning
+
+
+def test_held_on_the_ground_it_stays():
+    chain = Mortal()
+    chain.until_ready()
+    assert chain.hold()[0]
+    chain.want(0, 2, 0)
+    for _ in range(3):
+        chain.kill_bridge()
+        chain.spend(15.0)
+    assert (chain.armed, chain.orders_to_fly(), chain.phase) == (False, [], 'holding')
+    assert chain.resume()[0]
+    chain.until(lambda: chain.completed, 'goal completed')
+
+
+def test_held_in_flight_it_holds_there():
+    chain = flying()
+    assert chain.hold()[0]
+    chain.spend(5.0)
+    place = chain.track[-1]
+    chain.kill_bridge()
+    chain.until(lambda: chain.phase == 'holding', 'holding')
+    chain.spend(10.0)
+    assert abs(chain.track[-1].east - place.east) + abs(chain.track[-1].north - place.north) < 5.0
+    assert chain.report == (True, 'holding: until ~/resume')
+    assert chain.resume()[0]
+    chain.until(lambda: chain.completed, 'goal completed')
+
+
+def test_resumed_it_is_not_held():
+    chain = Mortal()
+    chain.until_ready()
+    chain.hold()
+    chain.resume()
+    chain.want(0, 2, 0)
+    chain.kill_bridge()
+    chain.until(lambda: chain.completed, 'goal completed')
+
+
+@pytest.mark.parametrize('seen', [True, False])
+@pytest.mark.parametrize('mode', [FlightMode.LOITER, FlightMode.RTL, FlightMode.LAND])
+def test_whoever_took_over_has_it_until_resume(mode, seen):
+    """Whether the bridge saw it, or was dead when the mode was changed and all the way down."""
+    chain = flying()
+    if not seen:
+        chain.end_bridge(0.0)
+    chain.put_into(mode) if seen else chain.tell(mavlink.MAV_CMD_DO_SET_MODE, 1, mode)
+    chain.spend(2.0) if seen else chain.kill_bridge(5.0)
+    orders = len(chain.orders)
+    chain.until(lambda: chain.phase == 'pilot in command', 'pilot in command')
+    chain.tell(mavlink.MAV_CMD_DO_SET_MODE, 1, FlightMode.LAND)
+    chain.kill_bridge(60.0)
+    chain.until(lambda: not chain.armed, 'landed')
+    chain.kill_bridge()
+    chain.spend(20.0)
+    assert chain.orders[orders:] == []
+    assert chain.phase == 'pilot in command'
+    assert chain.report[0]
+    assert chain.resume()[0]
+    chain.until(lambda: 'goal2' in chain.completed, 'goal completed', 180.0)
+
+
+def test_motors_that_stopped_unseen_are_not_started_again():
+    chain = flying()
+    chain.end_bridge(0.0)
+    chain.tell(ARM, 0, 21196)
+    chain.kill_bridge(20.0)
+    chain.spend(20.0)
+    assert chain.phase == 'pilot in command'
+    assert not chain.armed
+
+
+def test_a_landing_that_was_ordered_is_nobodys_taking_over():
+    chain = Mortal()
+    chain.want(1, 0, 0)
+    chain.until(lambda: chain.phase == 'landing' and chain.height < 15.0, 'landing')
+    chain.kill_bridge(60.0)
+    assert not chain.armed
+    chain.spend(5.0)
+    assert chain.phase == 'on the ground'
+    chain.want(0, 2, 0)
+    chain.kill_bridge()
+    chain.until(lambda: 'goal2' in chain.completed, 'goal2 completed', 180.0)
+
+
+def test_an_order_under_way_is_nobodys_taking_over():
+    """Killed at each step of the first seconds of a flight: what had just been asked for."""
+    for steps in range(0, 60, 8):
+        chain = Mortal()
+        chain.until_ready()
+        chain.want(0, 2, 0)
+        chain.until(lambda chain=chain: chain.orders, 'an order')
+        chain.spend(0.05 * steps)
+        chain.kill_bridge(0.5)
+        chain.until(lambda chain=chain: chain.completed, f'goal completed, {steps}')
+
+
+def test_on_its_way_back_it_goes_on_and_stays():
+    chain = flying()
+    chain.kill_manager()
+    chain.until(lambda: chain.mode == FlightMode.RTL, 'RTL')
+    chain.kill_bridge()
+    chain.start_manager()
+    chain.until(lambda: chain.phase == 'returning to launch', 'returning')
+    chain.until(lambda: not chain.armed, 'landed', 180.0)
+    chain.kill_bridge()
+    orders = len(chain.orders)
+    chain.spend(20.0)
+    assert (chain.armed, chain.orders[orders:]) == (False, [])
+    assert 'returned to launch: the manager is silent' in chain.report[1]
+
+
+def test_a_vehicle_flown_by_hand_from_the_start_is_not_taken():
+    chain = Mortal(replace(SETTINGS, allow_arming=False))
+    chain.until_ready()
+    chain.put_into(FlightMode.LOITER)
+    chain.kill_bridge()
+    chain.want(0, 2, 0)
+    chain.tell(ARM, 1, 21196)
+    chain.until(lambda: chain.armed, 'armed')
+    chain.kill_bridge()
+    chain.spend(5.0)
+    assert chain.phase == 'pilot in command'
+    assert 'GUIDED gives command here' in chain.report[1]
+    assert chain.orders == []
+
+
+# Faults
+
+
+def test_a_broken_motor_is_broken_until_its_service_is_done_anew():
+    chain = flying()
+    chain.set('SIM_ENGINE_MUL', 0.75)
+    chain.set('SIM_ENGINE_FAIL', 1)
+    chain.until(lambda: chain.fault == 'actuator', 'actuator fault')
+    chain.kill_bridge()
+    chain.until_down_at(chain.mission.grid.service, 300.0)
+    for _ in range(3):
+        chain.spend(SETTINGS.service_time - 1.0)
+        chain.kill_bridge(1.0)
+        assert chain.fault == 'actuator'
+        assert not chain.armed
+    chain.set('SIM_ENGINE_FAIL', 0)
+    start = chain.now
+    chain.until(lambda: chain.fault == 'nominal', 'repaired')
+    assert chain.now - start > SETTINGS.service_time
+    chain.kill_bridge()
+    chain.until(lambda: chain.completed, 'goal completed', 300.0)
+
+
+def test_a_dead_camera_is_missed():
+    chain = Mortal()
+    chain.until_ready()
+    chain.beat_as_camera()
+    chain.until(lambda: chain.fault == 'camera', 'camera fault')
+    chain.kill_bridge()
+    faults = set()
+    for _ in range(20):
+        chain.spend(1.0)
+        faults.add(chain.fault)
+    assert faults == {'camera'}
+    for _ in range(10):
+        chain.beat_as_camera()
+        chain.spend(1.0)
+    assert chain.fault == 'nominal'
+    chain.kill_bridge()
+    chain.until(lambda: chain.fault == 'camera', 'camera fault')
+
+
+def test_a_vehicle_without_gps_has_a_sensor_fault_at_once():
+    chain = Mortal()
+    chain.until_ready()
+    chain.set('SIM_GPS1_ENABLE', 0)
+    chain.until(lambda: chain.fault == 'sensor', 'sensor fault')
+    chain.kill_bridge()
+    chain._fault = ''
+    chain.until(lambda: chain.fault, 'a fault mode', 10.0)
+    assert chain.fault == 'sensor'
+
+
+# A memory that cannot be believed
+
+
+def test_on_the_ground_it_is_not_believed_and_held():
+    chain = Mortal()
+    chain.until_ready()
+    chain.want(0, 2, 0)
+    chain.end_bridge()
+    chain.bridge.distrust('its last line is damaged')
+    chain.spend(20.0)
+    assert chain.orders_to_fly() == []
+    assert chain.report == (
+        True,
+        'holding: on the ground until ~/resume; its last line is damaged',
+    )
+    chain.kill_bridge()
+    chain.spend(20.0)
+    assert chain.orders_to_fly() == []
+    assert chain.resume()[0]
+    chain.until(lambda: chain.completed, 'goal completed')
+
+
+def test_in_flight_it_holds_then_returns_and_stays():
+    chain = flying()
+    chain.end_bridge()
+    begin, orders = chain.now, len(chain.orders)
+    chain.bridge.distrust('its last line is damaged')
+    chain.until(lambda: chain.phase == 'holding', 'holding')
+    chain.until(lambda: chain.mode == FlightMode.RTL, 'RTL', 60.0)
+    assert chain.now - begin > SETTINGS.rtl_delay
+    chain.kill_bridge()
+    chain.until(lambda: not chain.armed, 'landed', 180.0)
+    chain.spend(20.0)
+    assert not chain.armed
+    assert chain.completed == []
+    assert not set(TO_FLY) & {order.number for order in chain.orders[orders:]}
+    assert 'its last line is damaged' in chain.report[1]
+
+
+def test_a_pilot_is_left_alone_by_one_that_knows_nothing():
+    chain = flying()
+    chain.put_into(FlightMode.LOITER)
+    chain.spend(2.0)
+    chain.end_bridge()
+    orders = len(chain.orders)
+    chain.bridge.distrust('its last line is damaged')
+    chain.spend(30.0)
+    chain.put_into(FlightMode.LAND)
+    chain.until(lambda: not chain.armed, 'landed')
+    chain.spend(20.0)
+    assert chain.orders[orders:] == []
+    assert chain.phase == 'holding'
+
+
+@pytest.mark.parametrize('memory', [{}, {'pilot': {}}, {'pilot': None, 'faults': 1}])
+def test_what_is_no_memory_is_refused(memory):
+    with pytest.raises(ValueError, match='no memory of a bridge'):
+        Mortal().bridge.restore(memory)
+
+
+# Before, not after
+
+
+def test_it_is_remembered_before_it_is_asked_for():
+    chain = Mortal()
+    chain.until_ready()
+    chain.want(0, 2, 0)
+    sent: list[dict[str, Any]] = []
+    send = chain.bridge.link.send
+
+    def noted(commands, now) -> None:
+        sent.append(json.loads(chain.memory))
+        send(commands, now)
+
+    chain.bridge.link.send = noted
+    chain.until_flying()
+    assert [memory['pilot']['authority']['ordered'] for memory in sent][:1] == [FlightMode.GUIDED]
+    assert sent[1]['pilot']['authority']['arming']
+    assert sent[2]['pilot']['authority']['motors_started_here']
+    chain.hold()
+    assert json.loads(chain.memory)['pilot']['held']
+
+
+def test_it_changes_when_something_happens_and_not_all_the_time():
+    chain = Mortal()
+    chain.until_ready()
+    memories = []
+    chain.bridge.remember = memories.append
+    chain.want(0, 2, 0)
+    chain.until(lambda: chain.completed, 'goal completed')
+    chain.until(lambda: not chain.armed, 'landed', 180.0)
+    texts = [json.dumps(memory) for memory in memories]
+    changes = sum(new != old for old, new in pairwise(texts))
+    assert 4 < changes < 30
+
+
+# At any moment
+
+
+class Unlucky(Mortal):
+    """Checks each order to fly when it is given."""
+
+    forbidden = ''
+
+    def watch_bridge(self, message) -> None:
+        before = len(self.orders)
+        super().watch_bridge(message)
+        for order in self.orders[before:]:
+            assert order.heard >= NEEDED_BEFORE_AN_ORDER, f'{order} after a start'
+            if order.number in TO_FLY:
+                assert not self.forbidden, f'{order}: {self.forbidden}'
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_killed_at_random_it_takes_off_for_a_reason_and_comes_home(seed):
+    rng = random.Random(seed)
+    chain = Unlucky(seed=seed)
+    chain.until_ready()
+
+    def kills(seconds: float) -> None:
+        end = chain.now + seconds
+        while chain.now < end:
+            chain.spend(rng.choice((0.05, 0.3, 1.0, 4.0, 12.0)))
+            chain.kill_bridge(rng.choice((0.0, 0.2, 1.0, 3.5, 8.0)))
+
+    def crew_on_the_ground() -> None:
+        """Nobody flies while a person is beside the vehicle."""
+        chain.forbidden = rng.choice(('held', 'no goal is wanted'))
+        if chain.forbidden == 'held':
+            while chain.phase == 'no link' or not chain.hold()[0]:
+                chain.spend(0.5)
+        elif chain.forbidden == 'no goal is wanted':
+            chain.want(0, 0, 0)
+            chain.spend(0.2)
+
+    for _ in range(3):
+        chain.want(*(rng.randint(0, 2) for _ in range(3)))
+        kills(rng.uniform(5.0, 40.0))
+        if chain.armed and rng.random() < 0.6:
+            mode = rng.choice((FlightMode.LOITER, FlightMode.RTL, FlightMode.LAND))
+            chain.until(lambda: chain.phase not in ('no link', 'waiting'), 'heard')
+            chain.put_into(mode)
+            chain.forbidden = 'a pilot has it'
+            kills(rng.uniform(2.0, 20.0))
+            chain.tell(mavlink.MAV_CMD_DO_SET_MODE, 1, FlightMode.LAND)
+            chain.until(lambda: not chain.armed, 'landed')
+        elif not chain.armed:
+            crew_on_the_ground()
+        kills(rng.uniform(5.0, 30.0))
+        if chain.forbidden:
+            chain.until(lambda: chain.phase not in ('no link', 'waiting'), 'heard')
+            chain.forbidden = ''
+            chain.resume()
+    chain.want(0, 0, 0)
+    chain.until(lambda: chain.phase not in ('no link', 'waiting'), 'heard')
+    chain.resume()
+    kills(30.0)
+    home = min(chain.distance(chain.mission.grid.base), chain.distance(chain.mission.grid.service))
+    chain.until(lambda: not chain.armed, f'landed, {home:.0f} m from home', 300.0)
+    assert not any('Crash' in text for text in chain.texts)
