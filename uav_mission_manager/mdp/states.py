@@ -107,10 +107,16 @@ class StateSpace:
 
     def split(self, states: IntArray) -> StateView:
         """Return the variables of states (..., 2k+5) as views with the array's leading axes."""
-        k = self.k
-        f, rest = states[..., 0], states[..., 1:]
-        r, g = rest[..., :k], rest[..., k : 2 * k]
-        return StateView(f, r, g, *(rest[..., 2 * k + i] for i in range(4)))
+        g, end = self.k + 1, 2 * self.k + 1
+        return StateView(
+            f=states[..., 0],
+            r=states[..., 1:g],
+            g=states[..., g:end],
+            l=states[..., end],
+            c=states[..., end + 1],
+            t=states[..., end + 2],
+            m=states[..., end + 3],
+        )
 
     def draw(self, count: int, rng: np.random.Generator) -> IntArray:
         """States drawn evenly, shape (count, 2k+5)."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -33,12 +34,10 @@ class Decision:
         Q of each of the 2k+4 actions; inf where not allowed.
     margin : float
         Q of the runner-up less Q of the choice; inf without a runner-up, not below 0.
-    lower_bound : float
-        Guaranteed lower bound on the optimal cost V*(s).
-    upper_bound : float
-        Upper bound on the cost V^pi(s) of the policy; inf where none is known.
     reason : str
         One line for people.
+    bounds : callable
+        Returns arrays (1,) of both bounds: a command need not wait for them.
     """
 
     state: tuple[int, ...]
@@ -46,9 +45,22 @@ class Decision:
     runner_up: Action | None
     values: tuple[float, ...]
     margin: float
-    lower_bound: float
-    upper_bound: float
     reason: str
+    bounds: Callable[[], tuple[FloatArray, FloatArray]] = field(repr=False, compare=False)
+
+    @cached_property
+    def _bounds(self) -> tuple[float, ...]:
+        return tuple(float(bound[0]) for bound in self.bounds())
+
+    @property
+    def lower_bound(self) -> float:
+        """Guaranteed lower bound on the optimal cost V*(s)."""
+        return self._bounds[0]
+
+    @property
+    def upper_bound(self) -> float:
+        """Upper bound on the cost V^pi(s) of the policy; inf where none is known."""
+        return self._bounds[1]
 
 
 def explain(
@@ -57,8 +69,7 @@ def explain(
     state: list[int],
     number: int,
     values: FloatArray,
-    lower_bound: float,
-    upper_bound: float,
+    bounds: Callable[[], tuple[FloatArray, FloatArray]],
 ) -> Decision:
     """Say why an action is chosen, by the Q values (2k+4,) of the state."""
     rest = values.copy()
@@ -76,9 +87,8 @@ def explain(
         runner_up=runner_up,
         values=tuple(values.tolist()),
         margin=margin,
-        lower_bound=lower_bound,
-        upper_bound=upper_bound,
         reason=reason,
+        bounds=bounds,
     )
 
 

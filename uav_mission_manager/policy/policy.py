@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,10 @@ from uav_mission_manager.policy.store import PolicySet, write_policy_set
 from uav_mission_manager.solver.decomposition.plan import Plan
 from uav_mission_manager.solver.evaluation.simulation import ControlVariate
 from uav_mission_manager.solver.greedy import choose
+
+DECISIONS_KEPT = 1000
+"""Decisions that a policy remembers: a choice, what one flight meets. A vehicle reports the same
+state many times a second, and what flickers comes back to the states it was in."""
 
 
 class Policy(ABC):
@@ -174,12 +178,18 @@ class Policy(ABC):
 
     def decide(self, state: Sequence[int]) -> Decision:
         """Decide in one state, [f r.. g.. l c t m]. Raises `StateError`."""
+        return self._decisions(tuple(state))
+
+    @cached_property
+    def _decisions(self) -> Callable[[tuple[int, ...]], Decision]:
+        return lru_cache(DECISIONS_KEPT)(self._decide)
+
+    def _decide(self, state: tuple[int, ...]) -> Decision:
         row = self.space.check(state)
         values = self.look_up(row)[0]
         number = int(self.choose_from(row, values[None])[0])
-        bounds = (float(bound[0]) for bound in self._bounds(row, values.min(keepdims=True)))
-        state_row = row[0].tolist()
-        return explain(self.mission, self._actions, state_row, number, values, *bounds)
+        bounds = partial(self._bounds, row, values.min(keepdims=True))
+        return explain(self.mission, self._actions, row[0].tolist(), number, values, bounds)
 
     @cached_property
     def _actions(self) -> tuple[Action, ...]:

@@ -153,15 +153,18 @@ class ReducedMission:
 
     def mode_costs(self, states: IntArray) -> FloatArray:
         """V - W = p(t, m) - [c > 0] eta_c g_c r_c of global states, shape (N,)."""
-        s, x = self.split(states), self.x(states)
+        return self._mode_costs(self.split(states), self.x(states))
+
+    def _mode_costs(self, s: StateView, x: IntArray) -> FloatArray:
         slot = self._slot_of_commitment[s.c]
         saved = self._savings_or_none[slot, x[np.arange(len(x)), slot]] if self.n else 0.0
         return np.asarray(self.sub.threat_costs[s.t, s.m] - saved)
 
     def state_costs(self, states: IntArray) -> FloatArray:
         """J(s, a) - h(a, l) of global states, shape (N,)."""
-        goals = self.goal_costs[np.arange(self.n), self.x(states)].sum(axis=1)
-        return self.fault_costs[self.split(states).f - 1] + goals + self.mode_costs(states)
+        s, x = self.split(states), self.x(states)
+        goals = self.goal_costs[np.arange(self.n), x].sum(axis=1)
+        return self.fault_costs[s.f - 1] + goals + self._mode_costs(s, x)
 
 
 def goal_order(mission: Mission) -> list[int]:

@@ -109,9 +109,16 @@ class SubMdp:
 
     def flags_and_priorities(self, states: IntArray) -> tuple[IntArray, IntArray]:
         """Return r and g of the goals tracked in global states (N, 2k+5), each (N, n)."""
-        s = StateSpace(self.mission.k, self.mission.grid.q).split(states)
-        chosen = list(self.goals)
-        return s.r[:, chosen], s.g[:, chosen]
+        s = self._space.split(states)
+        return s.r[:, self._chosen], s.g[:, self._chosen]
+
+    @cached_property
+    def _space(self) -> StateSpace:
+        return StateSpace(self.mission.k, self.mission.grid.q)
+
+    @cached_property
+    def _chosen(self) -> IntArray:
+        return np.array(self.goals, dtype=np.int64)
 
     @property
     def _goal_shares(self) -> FloatArray:

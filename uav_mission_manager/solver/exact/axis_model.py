@@ -162,9 +162,15 @@ class AxisModel:
 
     def locate(self, states: IntArray) -> tuple[IntArray, IntArray, IntArray]:
         """Indices (cell, row, column) into W of global states (N, 2k+5), each of shape (N,)."""
-        s, n, digits = self.reduced.split(states), self.sub.n, np.arange(self.sub.n)[::-1]
+        s, (by_level, by_flag) = self.reduced.split(states), self._weights
         r, g = self.sub.flags_and_priorities(states)
-        return s.l, s.t * 3**n + g @ 3**digits, (s.f - 1) * 2**n + r @ 2**digits
+        return s.l, s.t * by_level[0] + g @ by_level[1:], (s.f - 1) * by_flag[0] + r @ by_flag[1:]
+
+    @cached_property
+    def _weights(self) -> tuple[IntArray, IntArray]:
+        """What t and each g_j count for in a row, and f and each r_j in a column."""
+        digits = np.arange(self.sub.n, -1, -1)
+        return 3**digits, 2**digits
 
     def state_values(self, values: RealArray, states: IntArray) -> FloatArray:
         """V(s) of global states, shape (N,)."""
