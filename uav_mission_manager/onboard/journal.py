@@ -21,6 +21,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from uav_mission_manager.echo import quoted
 from uav_mission_manager.mdp import Mission
 from uav_mission_manager.policy.replacement import flush
 
@@ -73,11 +74,16 @@ class Journal:
     ------
     OSError
         If nothing can be written there.
+
+    Attributes
+    ----------
+    path, kind, mission
+        As given.
     """
 
     def __init__(self, path: Path, kind: str, mission: str) -> None:
-        self._path, self._new = path, path.with_name(f'{path.name}.new')
-        self._kind, self._mission = kind, mission
+        self.path, self.kind, self.mission = path, kind, mission
+        self._new = path.with_name(f'{path.name}.new')
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path.parent):
             pass  # Only to see that there is a place for files.
@@ -104,12 +110,12 @@ class Journal:
             If what is there is damaged, or of another version or kind.
         """
         try:
-            line, _ = _last_line(_content(self._path))
+            line, _ = _last_line(_content(self.path))
             return self._record(line)
         except FileNotFoundError:
             return None
         except (OSError, ValueError) as error:
-            raise JournalError(f'{self._path}: {error}') from error
+            raise JournalError(f'{self.path}: {error}') from error
 
     def write(self, state: Mapping[str, Any]) -> None:
         """Record a state of JSON values. It outlives this process when this returns.
@@ -129,7 +135,7 @@ class Journal:
                 self._write_error = ''
             except (OSError, TypeError, ValueError, RuntimeError) as error:
                 self._release()
-                self._write_error = f'{self._path}: not written: {error}'
+                self._write_error = f'{self.path}: not written: {error}'
 
     def close(self) -> None:
         """Leave the file to others, as the end of the process does; waits for nothing."""
@@ -140,16 +146,16 @@ class Journal:
 
     def _record(self, line: bytes) -> Record:
         fields = json.loads(line[CHECKSUM_DIGITS:])
-        for name, wanted in (('version', JOURNAL_VERSION), ('kind', self._kind)):
+        for name, wanted in (('version', JOURNAL_VERSION), ('kind', self.kind)):
             if fields.get(name) != wanted:
-                raise ValueError(f'{name} is {fields.get(name)!r}, not {wanted!r}')
+                raise ValueError(f'{name} is {quoted(fields.get(name))}, not {wanted!r}')
         return Record(fields['mission'], fields['state'])
 
     def _line(self, state: Mapping[str, Any]) -> bytes:
         fields = {
             'version': JOURNAL_VERSION,
-            'kind': self._kind,
-            'mission': self._mission,
+            'kind': self.kind,
+            'mission': self.mission,
             'state': dict(state),
         }
         return _with_checksum(json.dumps(fields, sort_keys=True).encode())
@@ -159,8 +165,8 @@ class Journal:
         if self._closed:
             raise ValueError('closed')
         try:
-            self._descriptor = _taken(self._path)
-            self._written, end = _last_line(_content(self._path))
+            self._descriptor = _taken(self.path)
+            self._written, end = _last_line(_content(self.path))
             os.ftruncate(self._descriptor, end)
         except (FileNotFoundError, ValueError):
             self._written = line
@@ -185,11 +191,11 @@ class Journal:
             if self._thread is threading.current_thread():
                 os.fsync(new)  # First, or a power cut now costs both.
             with self._lock:
-                if self._descriptor < 0 and (self._closed or self._path.exists()):
+                if self._descriptor < 0 and (self._closed or self.path.exists()):
                     raise OSError('another process may have it now')
                 if self._written != line:
                     _append(new, self._written)
-                os.replace(self._new, self._path)
+                os.replace(self._new, self.path)
                 self._release()
                 self._descriptor = new
         except OSError:
@@ -203,13 +209,13 @@ class Journal:
             self._dirty.clear()
             try:
                 # What could not be flushed once, Linux takes for flushed: it is written anew.
-                if self._disk_error or self._path.stat().st_size > LARGEST_JOURNAL:
+                if self._disk_error or self.path.stat().st_size > LARGEST_JOURNAL:
                     self._renew()
-                flush(self._path)
-                flush(self._path.parent)
+                flush(self.path)
+                flush(self.path.parent)
                 self._disk_error = ''
             except OSError as error:
-                self._disk_error = f'{self._path}: not safe on the disk: {error}'
+                self._disk_error = f'{self.path}: not safe on the disk: {error}'
 
 
 def _with_checksum(text: bytes) -> bytes:

@@ -1,0 +1,96 @@
+"""The base station's request for goal priorities, through the lives of several processes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+
+class PriorityRequest:
+    """What is asked for: one request, repeated until another one takes its place.
+
+    Parameters
+    ----------
+    goals : sequence of str
+        Names in mission order.
+    memory : mapping, optional
+        `memory` of the one to go on with.
+
+    Attributes
+    ----------
+    request : str
+        Its id; empty until something is asked for.
+    asked : tuple of k
+        Priority of each goal as asked for: 0 none, 1 low, 2 high.
+    """
+
+    def __init__(self, goals: Sequence[str], memory: Mapping[str, Any] | None = None) -> None:
+        self._goals = tuple(goals)
+        self.request, self.asked = '', (0,) * len(self._goals)
+        self._achieved: set[str] = set()
+        self._given = self.asked
+        if memory is not None:
+            self.ask(memory['asked'], memory['request'])
+            self._given = tuple(memory['given'])
+            for name in memory['achieved']:
+                self.complete(name)
+
+    @property
+    def memory(self) -> dict[str, Any]:
+        """What the next process needs to go on, as JSON values."""
+        return {
+            'request': self.request,
+            'asked': list(self.asked),
+            'achieved': self.achieved,
+            'given': list(self._given),
+        }
+
+    @property
+    def achieved(self) -> list[str]:
+        """Names of the goals that were asked for and have been completed since."""
+        return sorted(self._achieved)
+
+    @property
+    def priorities(self) -> tuple[int, ...]:
+        """What is repeated: as asked for, an achieved goal at 0 lest anyone revives it."""
+        pairs = zip(self._goals, self.asked, strict=True)
+        return tuple(0 if name in self._achieved else value for name, value in pairs)
+
+    def begin(self, values: Sequence[int], request: str) -> bool:
+        """Start a process that was given these priorities; return whether they are a new request.
+
+        They are none if they are all 0, or asked for already, or what the process before was
+        given too: whatever was asked for since then, by a person, is not undone by a restart.
+        """
+        if fault := self.fault_in(values):
+            raise ValueError(fault)
+        before, self._given = self._given, tuple(values)
+        if not any(values) or self._given in (self.asked, before):
+            return False
+        self.ask(values, request)
+        return True
+
+    def ask(self, values: Sequence[int], request: str) -> None:
+        """Make a new request with an id that no other has. Raises ValueError, see `fault_in`."""
+        if fault := self.fault_in(values):
+            raise ValueError(fault)
+        self.request, self.asked, self._achieved = request, tuple(values), set()
+
+    def complete(self, name: str) -> bool:
+        """Take a goal as achieved; return whether that is new."""
+        wanted = name in self._goals and self.priorities[self._goals.index(name)] > 0
+        if wanted:
+            self._achieved.add(name)
+        return wanted
+
+    def fault_in(self, values: Sequence[int]) -> str:
+        """Say why these cannot be asked for; empty if they can."""
+        if len(values) != len(self._goals):
+            return (
+                f'{len(values)} values, the mission has {len(self._goals)} goals '
+                f'({", ".join(self._goals)})'
+            )
+        for goal, value in zip(self._goals, values, strict=True):
+            if value not in (0, 1, 2):
+                return f'{goal} is {value}, not 0, 1 or 2'
+        return ''
