@@ -32,7 +32,7 @@ def in_thread(node: Node, work: Callable[[], Any]) -> Future:
 
     While a callback waits, others of its group do so too, unless the group is reentrant.
     """
-    executor = node.executor
+    executor: Any = node.executor
     future = Future(executor=executor)
 
     def run() -> None:

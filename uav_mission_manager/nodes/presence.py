@@ -1,4 +1,4 @@
-"""Presence: one node of a role in a namespace, the one that has been there longest.
+"""Presence: one node of a role in a namespace, the one that has been active longest.
 
 Each says on `presence/ROLE` who it is and for how long it has been up: `ID UPTIME`, the uptime in
 seconds. Only what is heard counts: a node that was killed stays in ROS's graph for a while.
@@ -12,14 +12,15 @@ import socket
 import time
 import uuid
 
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from std_msgs.msg import String
 
+from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.nodes import qos
+from uav_mission_manager.nodes.clocks import safety_clock
+from uav_mission_manager.nodes.complaints import Complaints
+from uav_mission_manager.nodes.failures import FatalError
 from uav_mission_manager.nodes.parameters import NodeParameter
-from uav_mission_manager.nodes.runtime import FatalError
 
 PRESENCE_PERIOD = 0.5
 """Time [s] between two messages of a node: a choice, soon enough before a second one does harm."""
@@ -38,12 +39,12 @@ LISTENING = NodeParameter(
 """Parameter of every node of which there may be one. The default is a choice: nodes on one machine
 have found each other after 2.6 s at most, as measured."""
 
+ANSWER_PERIOD = 0.1
+"""Time [s] between two answers to younger nodes, at least: a choice, however many there are."""
+
 FAREWELL_TIME = 1.0
 """Time [s] for which a second node stays, silent, for the first one to hear and report it: a
 choice, two periods."""
-
-PROCESS_START = time.monotonic()
-"""Time [s] from which the uptime counts."""
 
 
 class Presence:
@@ -65,8 +66,9 @@ class Presence:
     def __init__(self, node: Node, role: str, listening_time: float) -> None:
         self._node, self._role = node, role
         self._id = f'{socket.gethostname()}:{os.getpid()}:{uuid.uuid4().hex[:8]}'
-        self._younger: set[str] = set()
-        self._silent_until = time.monotonic() + listening_time
+        self._complaints = Complaints(node.get_logger().warning)
+        self._start = time.monotonic()
+        self._silent_until = self._start + listening_time
         self._heard_older, self._why = math.inf, ''
         topic = f'presence/{role}'
         self._publisher = node.create_publisher(
@@ -75,8 +77,7 @@ class Presence:
         node.create_subscription(
             String, topic, self._on_presence, qos.EVENT, qos_overriding_options=qos.OVERRIDABLE
         )
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        node.create_timer(PRESENCE_PERIOD, self._tick, clock=steady)
+        node.create_timer(PRESENCE_PERIOD, self._tick, clock=safety_clock())
         self._publish()
 
     @property
@@ -84,40 +85,43 @@ class Presence:
         """Whether another node is there, or may be there and has not been heard yet."""
         return bool(self._why) or time.monotonic() < self._silent_until
 
+    @property
+    def _uptime(self) -> float:
+        return time.monotonic() - self._start
+
     def _tick(self) -> None:
         self._publish()
+        self._complaints.flush()
         if time.monotonic() - self._heard_older > FAREWELL_TIME:
             raise FatalError(self._why)
 
     def _publish(self) -> None:
-        self._publisher.publish(String(data=f'{self._id} {_uptime():.3f}'))
+        self._published_at = time.monotonic()
+        self._publisher.publish(String(data=f'{self._id} {self._uptime:.3f}'))
 
     def _on_presence(self, message: String) -> None:
         """Give way to an older node; tell a younger one at once, as its period may be over."""
         other, _, text = message.data.rpartition(' ')
         if other == self._id or self._why:
             return
+        name, place = shown(other), self._node.get_namespace()
         try:
-            older_by = float(text) - _uptime()
+            older_by = float(text) - self._uptime
         except ValueError:
             older_by = math.nan
         if not math.isfinite(older_by):
-            self._node.get_logger().warning(
-                f'presence/{self._role}: {message.data!r} is not ID UPTIME', once=True
+            self._complaints.add(
+                'form', f'presence/{self._role}: {quoted(message.data)} is not ID UPTIME'
             )
         elif older_by > TIE or (older_by >= -TIE and other < self._id):
             self._heard_older = time.monotonic()
             self._why = (
-                f'another {self._role} is in {self._node.get_namespace()}: {other}, up for '
+                f'another {self._role} is in {place}: {name}, up for '
                 f'{float(text):.1f} s; there may be one, so this one ends'
             )
-        elif other not in self._younger:
-            self._younger.add(other)
-            self._node.get_logger().warning(
-                f'a second {self._role} in {self._node.get_namespace()}: {other}; it shall end'
+        else:
+            self._complaints.add(
+                'second', f'a second {self._role} in {place}: {name}; it shall end'
             )
-            self._publish()
-
-
-def _uptime() -> float:
-    return time.monotonic() - PROCESS_START
+            if time.monotonic() - self._published_at > ANSWER_PERIOD:
+                self._publish()

@@ -10,10 +10,15 @@ from geometry_msgs.msg import Point, PoseStamped
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import Grid
 from uav_mission_manager.nodes.frames import MAP_FRAME
 from uav_mission_manager.onboard import Refusal, Situation, format_command
 from uav_mission_manager.policy import Decision
+
+LONGEST_TEXT = 2000
+"""Characters of a message or value in the diagnostics: a choice, ten that are cut where they come
+from, and the values of all actions of a mission of a hundred goals."""
 
 Colour = tuple[float, float, float, float]
 """Red, green, blue and opacity, 0 to 1."""
@@ -29,9 +34,12 @@ THREAT_COLOURS = ((0.0, 0.8, 0.2, 0.2), (1.0, 0.8, 0.0, 0.4), (1.0, 0.0, 0.0, 0.
 
 
 def status(level: bytes, name: str, message: str, **values: object) -> DiagnosticStatus:
-    """Return a diagnostic status with its values as text."""
-    pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-    return DiagnosticStatus(level=level, name=name, message=message, values=pairs)
+    """Return a diagnostic status with its values as text, in one line each."""
+    pairs = [
+        KeyValue(key=shown(key), value=shown(value, LONGEST_TEXT)) for key, value in values.items()
+    ]
+    text = shown(message, LONGEST_TEXT)
+    return DiagnosticStatus(level=level, name=name, message=text, values=pairs)
 
 
 def decision_status(
