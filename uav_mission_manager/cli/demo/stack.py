@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 NAMESPACE = f'/uav{os.getpid()}'
@@ -45,6 +46,9 @@ class Stack:
 
     def __init__(self, mission: Path, policy: Path, logs: Path, speedup: float) -> None:
         self.mission, self.policy, self.logs, self.speedup = mission, policy, logs, speedup
+        logs.mkdir(parents=True, exist_ok=True)
+        # New for each flight: what is there now would be gone on with by the nodes.
+        self._ros_home = tempfile.mkdtemp(prefix='ros-home-', dir=logs)
         vehicle, crew = _free_udp_ports(2)
         self.crew_connection = f'udpin:127.0.0.1:{crew}'
         self._vehicle = f'127.0.0.1:{vehicle}'
@@ -93,7 +97,6 @@ class Stack:
         self._start(name, f'nodes.{name}', '--ros-args', '-r', f'__ns:={NAMESPACE}', *assignments)
 
     def _start(self, name: str, module: str, *arguments: str) -> None:
-        self.logs.mkdir(parents=True, exist_ok=True)
         with (self.logs / f'{name}.log').open('wb') as log:
             # In a session of its own, for Ctrl-C to reach the demo alone, which ends the rest.
             self.processes[name] = subprocess.Popen(
@@ -102,7 +105,7 @@ class Stack:
                 stderr=subprocess.STDOUT,
                 stdin=subprocess.DEVNULL,
                 start_new_session=True,
-                env={**os.environ, 'PYTHONUNBUFFERED': '1'},
+                env={**os.environ, 'PYTHONUNBUFFERED': '1', 'ROS_HOME': self._ros_home},
             )
 
 
