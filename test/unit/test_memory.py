@@ -53,3 +53,7 @@ def test_a_place_that_cannot_be_is_told_by_the_parameters_name(tmp_path, monkeyp
     monkeypatch.setenv('ROS_HOME', '$NO_SUCH_VARIABLE/x')
     with pytest.raises(ValueError, match=r'parameter state_dir: .*\$NO_SUCH_VARIABLE is not set'):
         open_journal(node(), '', 'manager', MISSION)
+    monkeypatch.setenv('ROS_HOME', '')
+    monkeypatch.setenv('HOME', '')
+    with pytest.raises(ValueError, match='parameter state_dir: not given, and neither ROS_HOME'):
+        open_journal(node(), '', 'manager', MISSION)

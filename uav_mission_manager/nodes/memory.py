@@ -49,4 +49,7 @@ def open_journal(node: Node, state_dir: str, kind: str, mission: Mission) -> Jou
 
 
 def _default() -> Path:
-    return expanded(os.environ.get('ROS_HOME') or '~/.ros') / 'uav_mission_manager' / 'state'
+    for variable, folder in ('ROS_HOME', '.'), ('HOME', '.ros'):
+        if home := os.environ.get(variable):
+            return expanded(home) / folder / 'uav_mission_manager' / 'state'
+    raise ValueError('not given, and neither ROS_HOME nor HOME is set')
