@@ -18,6 +18,7 @@ from uav_mission_manager.mdp import (
     Grid,
     Mission,
 )
+from uav_mission_manager.onboard.inputs import InputError
 from uav_mission_manager.onboard.range_model import range_flags, required_ranges
 from uav_mission_manager.policy import Decision, Policy
 
@@ -31,10 +32,6 @@ off it comes in another frame or from another origin, and its nearest cell means
 
 UNHEALTHY_BATTERY = 'battery_state: reported unhealthy, counted as empty'
 """What is said while the sender of the battery state does not call the battery healthy."""
-
-
-class InputError(ValueError):
-    """A refused input: one line naming topic, field and value."""
 
 
 @dataclass(frozen=True)
