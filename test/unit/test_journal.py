@@ -198,9 +198,10 @@ def test_a_place_below_a_file_is_refused(tmp_path, journals):
         journals(path=tmp_path / 'file' / 'x' / 'manager.journal')
 
 
-def test_a_place_that_takes_no_files_is_refused(journals):
+@pytest.mark.parametrize('folder', ['/proc', '/proc/state'])
+def test_a_place_that_takes_no_files_is_refused(journals, folder):
     with pytest.raises(OSError, match='/proc'):
-        journals(path=Path('/proc/state/manager.journal'))
+        journals(path=Path(folder) / 'manager.journal')
 
 
 def test_a_full_disk_is_an_error_until_there_is_room(journals, monkeypatch):
