@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import signal
 import subprocess
@@ -141,6 +142,7 @@ def run_python(code: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, '-c', code, *arguments],
         cwd=ROOT,
+        env=os.environ | {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'},
         capture_output=True,
         text=True,
         timeout=LIMIT,
@@ -158,6 +160,24 @@ def test_too_little_memory_is_said_in_one_line() -> None:
     assert run.returncode == 1
     [line] = (run.stdout + run.stderr).splitlines()
     assert 'not enough memory. for 3 GiB' in line
+
+
+@pytest.mark.parametrize('error', ['OSError(28, "No space\\nleft")', 'MemoryError("for 3 GiB")'])
+def test_too_little_of_the_machine_in_flight_is_said_in_one_line(error: str) -> None:
+    run = run_python(
+        'import sys\n'
+        'from rclpy.node import Node\n'
+        'from uav_mission_manager.nodes.runtime import run_node\n'
+        'class Poor(Node):\n'
+        '    def __init__(self):\n'
+        '        super().__init__("poor")\n'
+        '        self.create_timer(0.01, self.fail)\n'
+        f'    def fail(self): raise {error}\n'
+        'sys.exit(run_node(Poor, (), []))\n'
+    )
+    assert run.returncode == 1
+    [line] = (run.stdout + run.stderr).splitlines()
+    assert 'FATAL' in line
 
 
 def test_without_ros_it_says_so_in_one_line() -> None:

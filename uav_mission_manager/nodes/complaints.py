@@ -30,7 +30,7 @@ class Complaints:
     Parameters
     ----------
     say : callable
-        Takes a line for the log.
+        Takes a line for the log. A lambda: rclpy wants a place in the code for each severity.
     clock : callable
         Returns a time [s].
     """

@@ -33,6 +33,6 @@ def one_line(error: Exception) -> str:
     text = re.sub(r',? at /\S+:\d+', '', ' '.join(str(error).split()))
     if isinstance(error, MemoryError):
         text = f'not enough memory. {text}'
-    elif not isinstance(error, START_ERRORS):
+    elif not isinstance(error, (*START_ERRORS, FatalError)):
         text = f'{type(error).__name__}: {text}'  # A fault of this package.
     return text[:LONGEST_LINE] or type(error).__name__

@@ -66,7 +66,7 @@ class Presence:
     def __init__(self, node: Node, role: str, listening_time: float) -> None:
         self._node, self._role = node, role
         self._id = f'{socket.gethostname()}:{os.getpid()}:{uuid.uuid4().hex[:8]}'
-        self._complaints = Complaints(node.get_logger().warning)
+        self._complaints = Complaints(lambda text: node.get_logger().warning(text))
         self._start = time.monotonic()
         self._silent_until = self._start + listening_time
         self._heard_older, self._why = math.inf, ''

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import gc
 import inspect
 import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 
 import rclpy
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import LoggingSeverity, get_logger, set_logger_level
 from rclpy.node import Node
@@ -61,12 +64,15 @@ def run_node(
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         ENDING.orderly = True
+        gc.collect()
+        gc.freeze()  # What is there now stays: the collector need not look at it in flight.
         while not ENDING.begun:
-            executor.spin_once(timeout_sec=SPIN_TIME)
+            with suppress(InvalidHandle):  # Of what ended while a callback of it waited.
+                executor.spin_once(timeout_sec=SPIN_TIME)
     except KeyboardInterrupt:
         pass
-    except FatalError as error:
-        get_logger(node_class.__name__).fatal(str(error))
+    except (FatalError, OSError, MemoryError) as error:
+        get_logger(node_class.__name__).fatal(one_line(error))
         return 1
     finally:
         ENDING.close()
