@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.mdp import Mission
 from uav_mission_manager.policy.certify import certify
 from uav_mission_manager.policy.checkpoint import Checkpoint
@@ -126,14 +127,14 @@ def build_policy(
         If the memory does not suffice.
     """
     if method not in BUILDERS:
-        raise ValueError(f'method {method!r} is none of {", ".join(BUILDERS)}')
+        raise ValueError(f'method {quoted(method)} is none of {", ".join(BUILDERS)}')
     if order < 1:
         raise ValueError(f'order {order} must be at least 1')
     for name, value in (('max_states', max_states), ('jobs', jobs)):
         if value is not None and value < 1:
             raise ValueError(f'{name} {value} must be above 0')
     if checkpoint is not None and method not in ('auto', 'exact'):
-        raise ValueError(f'method {method!r} cannot be resumed from a checkpoint; exact can')
+        raise ValueError(f'method {quoted(method)} cannot be resumed from a checkpoint; exact can')
     job = Job(
         mission,
         tolerance,
@@ -336,13 +337,15 @@ def load_policy(directory: str | Path, mission: Mission | None = None) -> Policy
     """
     contents, digest = read_policy_set(Path(directory))
     if contents.method not in POLICY_KINDS:
-        raise PolicyError(f'{directory}: method: {contents.method!r} is unknown')
+        raise PolicyError(f'{shown(directory)}: method: {quoted(contents.method)} is unknown')
     if mission is not None:
         for what, wanted in mission.geography().items():
             found = contents.mission.geography()[what]
             if found != wanted:
-                raise PolicyError(f'{directory}: mission.{what}: {found} are not {wanted}')
+                raise PolicyError(
+                    f'{shown(directory)}: mission.{what}: {shown(found)} are not {shown(wanted)}'
+                )
     try:
         return POLICY_KINDS[contents.method].from_set(contents, digest)
     except PolicyError as error:
-        raise PolicyError(f'{directory}: {error}') from error
+        raise PolicyError(f'{shown(directory)}: {error}') from error

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import Mission, MissionError, mission_from_dict
 from uav_mission_manager.mdp.arrays import AnyArray
 from uav_mission_manager.policy.certificate import Certificate
@@ -76,11 +77,11 @@ def write_policy_set(contents: PolicySet, directory: Path) -> str:
     """
     try:
         if directory.exists() and not _replaceable(directory):
-            raise PolicyError(f'{directory}: exists and is no policy set; not overwritten')
+            raise PolicyError(f'{shown(directory)}: exists and is no policy set; not overwritten')
         with taking_the_place_of(directory) as fresh:
             return _write(contents, fresh)
     except OSError as error:
-        raise PolicyError(f'{directory}: cannot be written: {error}') from error
+        raise PolicyError(f'{shown(directory)}: cannot be written: {shown(error)}') from error
 
 
 def read_policy_set(directory: Path) -> tuple[PolicySet, str]:
@@ -116,7 +117,7 @@ def _read(directory: Path) -> tuple[PolicySet, str]:
     try:
         mission = mission_from_dict(manifest['mission'], str(place))
         if mission.digest() != manifest['mission_sha256']:
-            raise PolicyError(f'{place}: mission_sha256: does not match the mission')
+            raise PolicyError(f'{shown(place)}: mission_sha256: does not match the mission')
         solutions = tuple(_read_part(directory, mission, part) for part in manifest['sub_mdps'])
         expansion = None
         if 'expansion' in manifest:
@@ -133,7 +134,9 @@ def _read(directory: Path) -> tuple[PolicySet, str]:
     except (LookupError, TypeError, ValueError) as error:
         if isinstance(error, PolicyError):
             raise
-        raise PolicyError(f'{place}: a field is missing or of the wrong type: {error}') from error
+        raise PolicyError(
+            f'{shown(place)}: a field is missing or of the wrong type: {shown(error)}'
+        ) from error
     return contents, str(manifest['digest'])
 
 
@@ -245,14 +248,14 @@ def _read_manifest(place: Path) -> dict[str, Any]:
             text = stream.read()
         manifest = json.loads(text)
     except OSError as error:
-        raise PolicyError(f'{place}: cannot be read: {error}') from error
+        raise PolicyError(f'{shown(place)}: cannot be read: {shown(error)}') from error
     except ValueError as error:
-        raise PolicyError(f'{place}: not valid JSON: {error}') from error
+        raise PolicyError(f'{shown(place)}: not valid JSON: {shown(error)}') from error
     if not isinstance(manifest, dict) or manifest.get('schema') != MANIFEST_SCHEMA:
-        raise PolicyError(f'{place}: schema: is not {MANIFEST_SCHEMA}')
+        raise PolicyError(f'{shown(place)}: schema: is not {MANIFEST_SCHEMA}')
     # The text too: 1E-08 and 1e-08 are the same number.
     if manifest.get('digest') != _digest(manifest) or text != _text(manifest):
-        raise PolicyError(f'{place}: digest: does not match the manifest; it was altered')
+        raise PolicyError(f'{shown(place)}: digest: does not match the manifest; it was altered')
     return manifest
 
 
@@ -283,12 +286,14 @@ def _read_array(
     try:
         content, digest = private_copy(file)
     except OSError as error:
-        raise PolicyError(f'{file}: cannot be read: {error}') from error
+        raise PolicyError(f'{shown(file)}: cannot be read: {shown(error)}') from error
     if digest != entry['sha256']:
-        raise PolicyError(f'{file}: sha256: does not match the manifest; the file was altered')
+        raise PolicyError(
+            f'{shown(file)}: sha256: does not match the manifest; the file was altered'
+        )
     array = _as_array(content)
     if array.shape != shape or array.dtype not in types:
-        raise PolicyError(f'{file}: {array.dtype} {array.shape} is not {types[0]} {shape}')
+        raise PolicyError(f'{shown(file)}: {array.dtype} {array.shape} is not {types[0]} {shape}')
     return array
 
 
