@@ -1,0 +1,93 @@
+"""What the bridge publishes about its vehicle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from sensor_msgs.msg import BatteryState, NavSatFix
+from std_msgs.msg import String
+
+from uav_mission_manager.autopilot.bridge import BridgeStep
+from uav_mission_manager.autopilot.faults import FIX_3D, Fault
+from uav_mission_manager.autopilot.task import PilotOutput
+from uav_mission_manager.mdp import FAULT_MODES, Mission, Origin
+from uav_mission_manager.nodes import qos
+from uav_mission_manager.nodes.conversions import battery_state, nav_sat_fix, odometry
+
+FAULT_REPEAT_PERIOD = 0.5
+"""Time [s] after which an unchanged fault mode is published again: a choice, well within the time
+after which the manager misses it."""
+
+
+class VehicleOutputs:
+    """Battery, position, faults, and what became of goals.
+
+    Parameters
+    ----------
+    node : Node
+    mission : Mission
+    origin : Origin
+        Of `map`.
+    log : callable
+        Takes whether a line is a warning, and the line.
+    """
+
+    def __init__(
+        self, node: Node, mission: Mission, origin: Origin, log: Callable[[bool, str], None]
+    ) -> None:
+        def publisher(kind: Any, topic: str, profile: Any) -> Any:
+            return node.create_publisher(
+                kind, topic, profile, qos_overriding_options=qos.OVERRIDABLE
+            )
+
+        self._node, self._mission, self._origin, self._log = node, mission, origin, log
+        self._battery_state = publisher(BatteryState, 'battery_state', qos.SENSOR)
+        self._odom = publisher(Odometry, 'odom', qos.SENSOR)
+        self._global_position = publisher(NavSatFix, 'global_position', qos.SENSOR)
+        self._fault_mode = publisher(String, 'fault_mode', qos.STATE_IN)
+        self._goal_completed = publisher(String, 'goal_completed', qos.EVENT)
+        self._goal_refused = publisher(String, 'goal_refused', qos.EVENT)
+        self._fault: Fault | None = None
+        self._fault_at = -math.inf
+
+    @property
+    def fault_mode(self) -> str:
+        """The fault mode, '' while it is not known."""
+        return '' if self._fault is None else FAULT_MODES[self._fault]
+
+    def publish(self, step: BridgeStep, fix_type: int | None, now: float) -> None:
+        """Publish what a step brought."""
+        self._report_goals(step.pilot)
+        stamp = self._node.get_clock().now().to_msg()
+        if step.battery:
+            self._battery_state.publish(battery_state(step.battery, stamp))
+        if step.position:
+            has_fix = (fix_type or 0) >= FIX_3D
+            self._odom.publish(odometry(step.position, self._origin, stamp))
+            self._global_position.publish(nav_sat_fix(step.position, has_fix, stamp))
+        self._report_fault(step.fault, now)
+
+    def _report_goals(self, output: PilotOutput) -> None:
+        if output.completed:
+            self._goal_completed.publish(String(data=output.completed))
+            self._log(False, f'goal {output.completed} completed')
+        if output.refused:
+            goals = [goal.name for goal in self._mission.goals]
+            lost = goals if output.losing_ground else [output.refused]
+            for goal in lost:
+                self._goal_refused.publish(String(data=goal))
+            self._log(True, f'out of reach: {", ".join(lost)}')
+
+    def _report_fault(self, fault: Fault | None, now: float) -> None:
+        if fault is not None and (
+            fault != self._fault or now - self._fault_at >= FAULT_REPEAT_PERIOD
+        ):
+            self._fault_mode.publish(String(data=FAULT_MODES[fault]))
+            self._fault_at = now
+        if fault not in (None, self._fault):
+            self._log(bool(fault), f'fault mode {FAULT_MODES[fault or 0]}')
+        self._fault = fault
