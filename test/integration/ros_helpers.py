@@ -60,7 +60,10 @@ def free_port() -> int:
 
 
 class NodeProcess:
-    """`python -m MODULE ARGS...` with its output in a file."""
+    """`python -m MODULE ARGS...` with its output in a file, and with a test's own ROS_HOME.
+
+    What a node keeps there, the next one of its kind finds in the same test, and in no other.
+    """
 
     def __init__(self, domain: int, folder: Path, module: str, *args: str, **env: str) -> None:
         self.path = folder / f'{module.rsplit(".", 1)[-1]}-{time.monotonic_ns()}.log'

@@ -7,6 +7,8 @@ import os
 import random
 import resource
 import signal
+import subprocess
+import sys
 import threading
 import time
 from dataclasses import replace
@@ -362,13 +364,19 @@ def test_threads_write_whole_lines(journals):
     assert state_in(journal) == {'n': 199}
 
 
-def test_the_end_of_a_process_waits_for_no_disk(journals):
-    def work():
-        module.flush = lambda _: time.sleep(LIMIT)
-        journals().write({'n': 1})
-        os.execvp('true', ['true'])  # Replaces the process and its threads, as exit would.
+WRITE_AND_END = """
+import sys, threading
+from pathlib import Path
+from uav_mission_manager.onboard import journal
+disk = threading.Event()
+journal.flush = lambda _: disk.set() or threading.Event().wait()
+journal.Journal(Path(sys.argv[1]), 'manager', 'abc').write({'n': 1})
+disk.wait()
+"""
 
-    assert os.waitpid(in_child(work), 0)[1] == 0
+
+def test_the_end_of_a_process_waits_for_no_disk(journals, path):
+    subprocess.run([sys.executable, '-c', WRITE_AND_END, path], check=True, timeout=LIMIT)
     assert state_in(journals()) == {'n': 1}
 
 
