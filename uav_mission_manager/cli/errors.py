@@ -1,18 +1,104 @@
-"""Errors that are the user's to mend end a command in one line, not in a traceback."""
+"""How a command ends: whatever goes wrong, in one line and not in a traceback."""
 
 from __future__ import annotations
 
+import argparse
+import os
+import signal
 import sys
+import warnings
 from collections.abc import Iterator
+from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
+from typing import Any, NoReturn
+
+from uav_mission_manager.echo import shown
+
+LONGEST_REFUSAL = 600
+"""Characters of an error that are shown: a choice, two echoes and what is said of them."""
+
+LONGEST_USAGE_ERROR = 300
+"""The same of arguments: one echo."""
+
+SIGNAL_EXIT = 128
+"""What shells add to the number of the signal that a command ended by, for its exit code."""
+
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that ask a command to end: Ctrl-C, a service manager, a terminal that was closed."""
+
+
+class CommandParser(argparse.ArgumentParser):
+    """Refuses arguments in one line, with exit code 2."""
+
+    def print_help(self, file: Any = None) -> None:
+        """Print the help; without room for it this raises `OSError`, unlike argparse."""
+        print(self.format_help(), end='', file=file)
+
+    def error(self, message: str) -> NoReturn:
+        """End the command."""
+        text = shown(message, LONGEST_USAGE_ERROR)
+        self.exit(2, f'{self.prog}: {text}; `{self.prog} --help` lists the options\n')
 
 
 @contextmanager
 def one_line_errors(command: str) -> Iterator[None]:
-    """End the command with exit code 1 and one line on stderr, 130 on Ctrl-C."""
+    """End the command with one line on stderr where something goes wrong, or somebody ends it.
+
+    The exit code is 1, for a signal 128 and its number. Where a reader of the output has had
+    enough, such as `head`, the command ends without a word.
+    """
+    _prepare(command)
+    try:
+        try:
+            yield
+        finally:
+            _flush()
+    except KeyboardInterrupt as error:
+        print(f'{command}: interrupted', file=sys.stderr)
+        sys.exit(SIGNAL_EXIT + error.args[0])
+    except BrokenPipeError:
+        sys.exit(1)
+    except MemoryError as error:
+        sys.exit(f'{command}: not enough memory. {shown(error, LONGEST_REFUSAL)}')
+    except BrokenExecutor:
+        sys.exit(f'{command}: a process that solves a part has died: of too little memory?')
+    except (ValueError, OSError) as error:
+        sys.exit(f'{command}: {shown(error, LONGEST_REFUSAL)}')
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Ignore further signals in here: an end in order that is interrupted is none."""
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in STOP_SIGNALS}
     try:
         yield
-    except (ValueError, OSError) as error:
-        sys.exit(f'{command}: {error}')
-    except KeyboardInterrupt:
-        sys.exit(130)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _prepare(command: str) -> None:
+    """Let signals end the command in order, warn in one line, and print what a terminal lacks."""
+    for number in STOP_SIGNALS:
+        if signal.getsignal(number) != signal.SIG_IGN:  # `nohup` asks to outlive the terminal.
+            signal.signal(number, _interrupt)
+    warnings.showwarning = lambda message, *_, **__: print(
+        f'{command}: warning: {shown(message, LONGEST_REFUSAL)}', file=sys.stderr
+    )
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, 'reconfigure'):  # It is None where the shell closed it.
+            stream.reconfigure(errors='backslashreplace')
+
+
+def _interrupt(number: int, _: object) -> NoReturn:
+    raise KeyboardInterrupt(number)
+
+
+def _flush() -> None:
+    """Write out what was printed; where that fails drop it, lest the interpreter tries again."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise

@@ -11,7 +11,8 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
-from uav_mission_manager.cli.errors import one_line_errors
+from uav_mission_manager.cli.errors import CommandParser, one_line_errors
+from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import load_mission
 from uav_mission_manager.policy import (
     DEFAULT_METHOD,
@@ -28,7 +29,12 @@ from uav_mission_manager.solver.progress import Report
 
 def main(args: list[str] | None = None) -> int:
     """Run the command."""
-    parser = argparse.ArgumentParser(
+    with one_line_errors('policy_build'):
+        return _build(_parser().parse_args(args))
+
+
+def _parser() -> CommandParser:
+    parser = CommandParser(
         prog='policy_build', description='Solve a mission and write its policy set.'
     )
     parser.add_argument('mission', help='mission file (YAML)')
@@ -90,9 +96,7 @@ def main(args: list[str] | None = None) -> int:
         'one that is there',
     )
     parser.add_argument('--json', action='store_true', help='print the summary as JSON')
-    options = parser.parse_args(args)
-    with one_line_errors('policy_build'):
-        return _build(options)
+    return parser
 
 
 def _build(options: argparse.Namespace) -> int:
@@ -115,7 +119,7 @@ def _solve(options: argparse.Namespace) -> Policy:
     if options.resume:
         checkpoint = Checkpoint(options.out, mission, 'exact', options.precision)
     console = Console(stderr=True)
-    columns = TextColumn('{task.description}'), BarColumn(), TimeRemainingColumn()
+    columns = TextColumn('{task.description}', markup=False), BarColumn(), TimeRemainingColumn()
     with Progress(
         *columns, console=console, transient=True, disable=not console.is_terminal
     ) as progress:
@@ -153,7 +157,7 @@ def _bars(progress: Progress) -> ProgressProtocol:
 
 def _describe(policy: Policy, summary: dict[str, Any]) -> str:
     lines = [
-        f'{summary["out"]}: policy of mission {summary["mission"]}, method {policy.method}',
+        f'{shown(summary["out"])}: policy of mission {summary["mission"]}, method {policy.method}',
         f'  states      {summary["states"]:,} in the mission, {summary["goals"]} goals',
         *_plan_lines(policy),
         f'  sweeps      {", ".join(map(str, summary["iterations"]))}',
@@ -178,7 +182,7 @@ def _plan_lines(policy: Policy) -> list[str]:
     parts, names = policy.plan.parts, [goal.name for goal in policy.mission.goals]
     lines = [f'  plan        {len(parts)} sub-MDPs of at most {policy.plan.max_states:,} states']
     for number, part in enumerate(parts[:MAX_SHOWN_PARTS], 1):
-        goals = ', '.join(names[j] for j in part.goals)
+        goals = shown(', '.join(names[j] for j in part.goals))
         lines.append(
             f'    {number:3d}  {part.kind:<8}  {part.states:>13,} states  '
             f'score {part.score:.3f}  {goals}'

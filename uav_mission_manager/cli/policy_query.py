@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 from typing import Any
@@ -11,25 +10,16 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from uav_mission_manager.cli.errors import one_line_errors
+from uav_mission_manager.cli.errors import CommandParser, one_line_errors
+from uav_mission_manager.echo import quoted
 from uav_mission_manager.mdp import action_name, global_actions
 from uav_mission_manager.policy import Policy, load_policy
 
 
 def main(args: list[str] | None = None) -> int:
     """Run the command."""
-    parser = argparse.ArgumentParser(
-        prog='policy_query', description='Show the Q values and the choice of a policy in a state.'
-    )
-    parser.add_argument('policy', help='directory of the policy set')
-    parser.add_argument(
-        '--state',
-        required=True,
-        help='f, r and g of each goal, l, c, t, m; for three goals "1,1,0,1,0,2,1,1,0,2,1"',
-    )
-    parser.add_argument('--json', action='store_true', help='print JSON')
-    options = parser.parse_args(args)
     with one_line_errors('policy_query'):
+        options = _parser().parse_args(args)
         policy = load_policy(options.policy)
         answer = _answer(policy, _parse_state(options.state))
         if options.json:
@@ -39,11 +29,25 @@ def main(args: list[str] | None = None) -> int:
         return 0
 
 
+def _parser() -> CommandParser:
+    parser = CommandParser(
+        prog='policy_query', description='Show the Q values and the choice of a policy in a state.'
+    )
+    parser.add_argument('policy', help='directory of the policy set')
+    parser.add_argument(
+        '--state',
+        required=True,
+        help='f, r and g of each goal, l, c, t, m; for three goals "1,1,0,1,0,2,1,1,0,2,1"',
+    )
+    parser.add_argument('--json', action='store_true', help='print JSON')
+    return parser
+
+
 def _parse_state(text: str) -> list[int]:
     try:
         return [int(part) for part in text.replace(',', ' ').split()]
     except ValueError:
-        raise ValueError(f'--state: {text!r} is not a list of whole numbers') from None
+        raise ValueError(f'--state: {quoted(text)} is not a list of whole numbers') from None
 
 
 def _answer(policy: Policy, state: list[int]) -> dict[str, Any]:
@@ -84,7 +88,8 @@ def _answer(policy: Policy, state: list[int]) -> dict[str, Any]:
 
 
 def _print(policy: Policy, answer: dict[str, Any]) -> None:
-    console = Console(width=None if Console().is_terminal else 100)
+    width = None if Console().is_terminal else 100
+    console = Console(width=width, markup=False, emoji=False)  # Goals may be called [b] or :b:.
     console.print('state ' + ' '.join(f'{name}={x}' for name, x in answer['state'].items()))
     table = Table('number', 'action', 'Q', '', title=f'{policy.mission.name}, {policy.method}')
     marks = {answer['choice']: 'choice', answer['runner_up']: 'runner-up'}

@@ -128,6 +128,8 @@ def build_policy(
     """
     if method not in BUILDERS:
         raise ValueError(f'method {quoted(method)} is none of {", ".join(BUILDERS)}')
+    if not 0 < tolerance < np.inf:
+        raise ValueError(f'tolerance {tolerance} must be a number above 0')
     if order < 1:
         raise ValueError(f'order {order} must be at least 1')
     for name, value in (('max_states', max_states), ('jobs', jobs)):
@@ -135,18 +137,8 @@ def build_policy(
             raise ValueError(f'{name} {value} must be above 0')
     if checkpoint is not None and method not in ('auto', 'exact'):
         raise ValueError(f'method {quoted(method)} cannot be resumed from a checkpoint; exact can')
-    job = Job(
-        mission,
-        tolerance,
-        progress,
-        order,
-        max_states,
-        certificate,
-        precision,
-        jobs,
-        scheduler,
-        checkpoint,
-    )
+    how = (order, max_states, certificate, precision, jobs, scheduler, checkpoint)
+    job = Job(mission, tolerance, progress, *how)
     return BUILDERS[method](job)
 
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context, parent_process
 from typing import Any
 
 Task = Callable[..., Any]
@@ -59,8 +63,53 @@ def workers(jobs: int = 1, scheduler: str | None = None) -> Iterator[Workers]:
     elif jobs == 1:
         yield Workers(lambda tasks: (task() for task in tasks), here=True)
     else:
-        with ProcessPoolExecutor(jobs, mp_context=get_context('spawn')) as pool:
-            yield Workers(lambda tasks: pool.map(_call, tasks))
+        with _pool(jobs) as pool:
+            yield Workers(partial(_map, pool))
+
+
+@contextmanager
+def _pool(jobs: int) -> Iterator[ProcessPoolExecutor]:
+    """Provide processes that end with this one, and at once where it gives up."""
+    context = get_context('spawn')
+    with _deaf_children():
+        pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_end_with_parent)
+    with pool:
+        try:
+            yield pool
+        except BaseException:
+            for process in active_children():
+                process.terminate()
+            raise
+
+
+def _map(pool: ProcessPoolExecutor, tasks: Sequence[Task]) -> Iterator[Any]:
+    with _deaf_children():
+        return pool.map(_call, tasks)
+
+
+@contextmanager
+def _deaf_children() -> Iterator[None]:
+    """Let processes that are started in here not hear what a terminal tells all of them.
+
+    This one ends the others.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _end_with_parent() -> None:
+    """End this process when the one that started it has died: nobody will ask it any more."""
+    threading.Thread(target=_wait_for_parent, daemon=True).start()
+
+
+def _wait_for_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _client(address: str) -> Any:

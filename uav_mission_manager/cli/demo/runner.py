@@ -5,8 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 import random
-import signal
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -16,12 +14,16 @@ from pathlib import Path
 import rclpy
 import yaml
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
 
 from uav_mission_manager.cli.demo.flight import DemoFlight
 from uav_mission_manager.cli.demo.scenarios import Wait, case_one, three_goals
 from uav_mission_manager.cli.demo.stack import Stack
 from uav_mission_manager.cli.demo.view import View
+from uav_mission_manager.cli.errors import CommandParser, one_line_errors, undisturbed
+from uav_mission_manager.echo import quoted
 from uav_mission_manager.mdp import Mission, load_mission
+from uav_mission_manager.mdp.fields import positive
 from uav_mission_manager.paths import share_directory
 from uav_mission_manager.policy import build_policy
 
@@ -54,35 +56,44 @@ class FlightResult:
 
 def main(args: list[str] | None = None) -> int:
     """Run the command."""
-    parser = argparse.ArgumentParser(prog='demo', description='Fly two missions in simulation.')
+    with one_line_errors('demo'):
+        return _demonstrate(_parser().parse_args(args))
+
+
+def _parser() -> CommandParser:
+    parser = CommandParser(prog='demo', description='Fly two missions in simulation.')
     parser.add_argument(
         '--speedup',
-        type=float,
+        type=_speedup,
         default=8.0,
         help='simulated seconds per second; default: %(default)g',
     )
     parser.add_argument('--logs', type=Path, help='directory for the logs; default: a new one')
-    options = parser.parse_args(args)
+    return parser
+
+
+def _speedup(text: str) -> float:
+    try:
+        return positive(float(text))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'{quoted(text)} is not a number above 0') from None
+
+
+def _demonstrate(options: argparse.Namespace) -> int:
     # Other ROS systems neither hear nor disturb the demo.
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_DOMAIN_ID', str(random.randint(1, 100)))
     logs = options.logs or Path(tempfile.mkdtemp(prefix='uav-demo-'))
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.default_int_handler)
     config = share_directory() / 'config'
     outcomes = []
-    try:
-        for title, script, name in (
-            ('Case I: one goal', case_one, 'case_one'),
-            ('Three goals', three_goals, 'case_study'),
-        ):
-            mission = load_mission(config / f'{name}.yaml')
-            outcomes.append(_fly(title, script, mission, logs / name, options.speedup))
-            if not outcomes[-1].good:
-                break
-    except KeyboardInterrupt:
-        print('interrupted; everything started is ended', file=sys.stderr)
-        return 130
+    for title, script, name in (
+        ('Case I: one goal', case_one, 'case_one'),
+        ('Three goals', three_goals, 'case_study'),
+    ):
+        mission = load_mission(config / f'{name}.yaml')
+        outcomes.append(_fly(title, script, mission, logs / name, options.speedup))
+        if not outcomes[-1].good:
+            break
     _summarise(outcomes, logs)
     return 0 if len(outcomes) == 2 and all(outcome.good for outcome in outcomes) else 1
 
@@ -101,7 +112,7 @@ def _fly(
     mission_file.write_text(yaml.safe_dump(mission.to_dict()))
     build_policy(mission).save(logs / 'policy')
     stack = Stack(mission_file, logs / 'policy', logs, speedup)
-    rclpy.init()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     executor = SingleThreadedExecutor()
     try:
         with View(title) as view:
@@ -116,7 +127,8 @@ def _fly(
             flight.close()
         return FlightResult(title, failure, len(flight.asked), achieved, flight.home, seconds)
     finally:
-        stack.stop()
+        with undisturbed():
+            stack.stop()
         executor.shutdown()
         rclpy.try_shutdown()
 

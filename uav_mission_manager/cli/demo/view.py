@@ -17,7 +17,7 @@ class View:
 
     def __init__(self, title: str) -> None:
         self.title = title
-        self.console = Console()
+        self.console = Console(markup=False, emoji=False)  # Goals may be called [b] or :b:.
         self.rows: list[tuple[str, ...]] = []
         self.epoch = 0
         live = self.console.is_terminal
