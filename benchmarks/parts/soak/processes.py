@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
@@ -25,9 +25,17 @@ from uav_mission_manager.autopilot.pilot import Pilot
 from uav_mission_manager.autopilot.task import Settings
 from uav_mission_manager.mdp import FAULT_MODES, Mission
 from uav_mission_manager.nodes.flight_plan import FlightPlan
-from uav_mission_manager.onboard import InputError, Refusal, format_command, parse_command
+from uav_mission_manager.onboard import (
+    InputError,
+    ManagerSettings,
+    MissionManager,
+    Refusal,
+    format_command,
+    parse_command,
+)
 from uav_mission_manager.onboard.journal import Journal, goals_hash
 from uav_mission_manager.onboard.priority_request import PriorityRequest
+from uav_mission_manager.onboard.stamps import stamp_age
 from uav_mission_manager.policy import Policy
 
 SETTINGS = Settings(
@@ -50,6 +58,12 @@ nothing but position and charge is new, which the nodes take with each message: 
 SOCKET_BUFFER = 400
 """Datagrams that wait for a process that stands still, at most: a choice, near Linux' default."""
 
+REBOOT_SHARE = 0.1
+"""Share of the starts with which the computer starts too, and the clock for time-outs anew."""
+
+INPUT_TIMEOUT = ManagerSettings().input_timeout
+"""Age [s] of a stamp above which a message is refused."""
+
 MAX_CLOCK = 1e6
 """Latest beginning [s] of a process' clock for time-outs."""
 
@@ -60,6 +74,8 @@ class Killed(BaseException):  # noqa: N818 - as KeyboardInterrupt: nobody in bet
 
 class Watch(Protocol):
     """What is told to those who watch the chain from outside."""
+
+    counts: Counter[str]
 
     def heard(self, message: Any) -> None:
         """The bridge has read a message of the autopilot."""
@@ -133,7 +149,8 @@ class Process:
     def start(self, now: float) -> None:
         """Begin as a new process does: with the journal, and nothing else."""
         self.now = self.started_at = self.worked_at = now
-        self._epoch = self.rng.uniform(0.0, MAX_CLOCK) - now
+        if self.starts == 0 or self.rng.random() < REBOOT_SHARE:
+            self._epoch = self.rng.uniform(0.0, MAX_CLOCK) - now
         for topic in self.reads:
             getattr(self.bus, topic).reader_starts(now)
         self.begin()
@@ -286,7 +303,10 @@ class BridgeProcess(Process):
         if self.clock - self._goals_at > SETTINGS.manager_timeout:
             self.core.pilot.goals_wanted = None
         for stamp, text in self.bus.command.take(self.now):
-            if abs(self.wall - stamp) > SETTINGS.manager_timeout:
+            try:
+                stamp_age('mission_command', stamp, self.wall, SETTINGS.manager_timeout)
+            except InputError:
+                self.watch.counts['refused: mission_command'] += 1
                 continue
             task = self._plan.task(parse_command(self.mission, text), text)
             self.core.pilot.command(task, self.clock)
@@ -326,13 +346,12 @@ class ManagerProcess(Process):
         super().__init__(*process)
         self._policies = policies
 
-    def end(self) -> None:
-        pass
-
     def begin(self) -> None:
-        from parts.soak.shim import ManagerSettings, MissionManager  # temporary
-
-        self.core = MissionManager(self._policies[0], ManagerSettings())
+        memory = self.recall() or {'policy': 0, 'core': None}
+        self._policy = memory['policy']
+        self.core = MissionManager(
+            self._policies[self._policy], ManagerSettings(), memory['core']
+        )
         self._decide_at = self._repeat_at = -math.inf
         self._command, self._goals = '', ()
         self.problem = ''
@@ -343,8 +362,7 @@ class ManagerProcess(Process):
             return
         self._decide_at = self.clock + DECISION_PERIOD
         outcome = self.core.step(self.clock)
-        self.die('before memory')
-        self.die('after memory')
+        self.remember({'policy': self._policy, 'core': self.core.memory})
         repeat = self.clock >= self._repeat_at
         if repeat:
             self._repeat_at = self.clock + REPEAT_PERIOD
@@ -374,14 +392,15 @@ class ManagerProcess(Process):
     def _hear(self) -> bool:
         """Take what has arrived; return whether anything but charge and position has."""
         bus, now, clock = self.bus, self.now, self.clock
-        for stamp, battery in bus.battery.take(now):
-            if abs(self.wall - stamp) <= 3.0:
-                self._take(
-                    lambda s, b=battery: s.with_battery(b.charge, clock, b.healthy)
-                )
+        for stamp, b in bus.battery.take(now):
+            flow = {'voltage': b.voltage, 'current': -b.current}
+            self._take(
+                lambda s, b=b, flow=flow: s.with_battery(b.charge, clock, b.healthy, **flow),
+                'battery_state',
+                stamp,
+            )
         for stamp, east, north in bus.odom.take(now):
-            if abs(self.wall - stamp) <= 3.0:
-                self._take(lambda s, e=east, n=north: s.with_position(e, n, clock))
+            self._take(lambda s, e=east, n=north: s.with_position(e, n, clock), 'odom', stamp)
         news = [
             *((lambda s, m=m: s.with_fault(m, clock)) for m in bus.fault.take(now)),
             *((lambda s, m=m: s.with_threat(m, clock)) for m in bus.threat.take(now)),
@@ -393,13 +412,16 @@ class ManagerProcess(Process):
             self._take(change)
         for number in bus.policy.take(now):
             self.core.adopt(self._policies[number])
+            self._policy = number
         return bool(news)
 
-    def _take(self, change: Any) -> None:
+    def _take(self, change: Any, topic: str = '', stamp: float | None = None) -> None:
         try:
+            stamp_age(topic, stamp, self.wall, INPUT_TIMEOUT)
             for warning in self.core.take(change):
                 self.watch.note('manager', warning)
         except InputError as error:
+            self.watch.counts[f'refused: {topic}'] += 1
             self.watch.note('manager', str(error))
 
 
