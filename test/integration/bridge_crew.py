@@ -6,8 +6,10 @@ import math
 import signal
 import socket
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
+import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
@@ -22,6 +24,7 @@ from uav_mission_manager.nodes import qos
 CASE_STUDY = ROOT / 'config' / 'case_study.yaml'
 GRID = load_mission(CASE_STUDY).grid
 SPEEDUP = 10
+ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 GOAL1, GOAL2 = (GRID.position(cell) for cell in (5, 3))
 SERVICE = GRID.position(GRID.service)
 
@@ -70,6 +73,14 @@ class Crew:
         self.bridge.stop(number)
         self.diagnostics.clear()
         self.start_bridge()
+
+    def change_goals(self, folder: Path) -> None:
+        """Give the next bridge a mission with another goal."""
+        mission = yaml.safe_load(CASE_STUDY.read_text())
+        mission['goals'][0]['name'] = 'another'
+        path = folder / 'another.yaml'
+        path.write_text(yaml.safe_dump(mission))
+        self._arguments += '-p', f'mission:={path}'
 
     def _repeat(self) -> None:
         if self.pose is not None:

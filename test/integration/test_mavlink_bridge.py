@@ -7,7 +7,7 @@ import signal
 
 import pytest
 import yaml
-from bridge_crew import CASE_STUDY, GOAL1, GOAL2, GRID, SERVICE, Chain, Dummy, crews
+from bridge_crew import ARM, CASE_STUDY, GOAL1, GOAL2, GRID, SERVICE, Chain, Dummy, crews
 from diagnostic_msgs.msg import DiagnosticStatus
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from ros_helpers import Ros
@@ -139,9 +139,6 @@ def test_without_allow_arming_it_stays_on_the_ground(chain, ros):
     flight.until(lambda: 'allow_arming' in flight.status.message, 'a word about it')
     ros.spin(3.0)
     assert (flight.value('armed'), flight.value('mode')) == ('False', 'STABILIZE')
-
-
-ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 
 
 def test_a_manager_with_another_mission_is_not_obeyed(dummy, ros):
