@@ -376,7 +376,8 @@ disk.wait()
 
 
 def test_the_end_of_a_process_waits_for_no_disk(journals, path):
-    subprocess.run([sys.executable, '-c', WRITE_AND_END, path], check=True, timeout=LIMIT)
+    command = [sys.executable, '-c', WRITE_AND_END, path]
+    subprocess.run(command, check=True, timeout=LIMIT, cwd=Path(__file__).parents[2])
     assert state_in(journals()) == {'n': 1}
 
 
