@@ -14,7 +14,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scenarios import Chain
 
-from uav_mission_manager.autopilot.bridge import WARNING_PHASES, VehicleBridge
+from uav_mission_manager.autopilot.bridge import WARNING_PHASES, BridgeStep, VehicleBridge
 from uav_mission_manager.autopilot.faults import FaultEstimator
 from uav_mission_manager.autopilot.link import AutopilotLink
 from uav_mission_manager.autopilot.pilot import Pilot
@@ -26,12 +26,15 @@ from uav_mission_manager.autopilot.simulator.protocol import SimulatedAutopilot
 from uav_mission_manager.autopilot.task import Settings
 from uav_mission_manager.mdp import FAULT_MODES
 from uav_mission_manager.nodes.flight_plan import FlightPlan
-from uav_mission_manager.onboard import Refusal, Situation, decide, format_command
-from uav_mission_manager.onboard.dwell import StandingCommand, dwell
+from uav_mission_manager.onboard import (
+    MissionManager,
+    Refusal,
+    Situation,
+    format_command,
+)
 from uav_mission_manager.policy import Policy
 
 STEP = 0.05
-INPUT_TIMEOUT = 3.0
 SETTINGS = Settings(
     goal_dwell=1.0, service_time=3.0, manager_timeout=3.0, rtl_delay=10.0, allow_arming=True
 )
@@ -125,7 +128,6 @@ class SimulatedChain(Chain):
 
     def _step_bridge(self) -> None:
         step = self.bridge.step(self._time)
-        situation = self._situation
         if step.pilot.completed:
             self.completed.append(step.pilot.completed)
         refused = [step.pilot.refused] * bool(step.pilot.refused)
@@ -134,48 +136,54 @@ class SimulatedChain(Chain):
         self.refused += refused
         if step.fault is not None:
             self._fault = FAULT_MODES[step.fault]
-        if situation is None:
-            return
-        if step.battery:
-            situation = situation.with_battery(
-                step.battery.charge, self._time, step.battery.healthy
+        if self.manager is not None:
+            self._inform(self.manager, step, refused)
+            news = (self._fault, self._request, *self.completed, *refused)
+            if news != self._news or self._time >= self._decide_at:
+                self._news, self._decide_at = news, self._time + 0.25
+                self._decide(self.manager)
+
+    def _inform(self, manager: MissionManager, step: BridgeStep, refused: list[str]) -> None:
+        """Tell the manager what the bridge publishes."""
+        now = self._time
+        if battery := step.battery:
+            manager.take(
+                lambda s: s.with_battery(
+                    battery.charge,
+                    now,
+                    battery.healthy,
+                    voltage=battery.voltage,
+                    current=-battery.current,
+                )
             )
         if step.position:
             place = self.origin.to_local(step.position.latitude, step.position.longitude)
-            situation = situation.with_position(*place, self._time)
+            manager.take(lambda s: s.with_position(*place, now))
         if step.fault is not None:
-            situation = situation.with_fault(self._fault, self._time)
+            manager.take(lambda s: s.with_fault(self._fault, now))
         if step.pilot.completed:
-            situation = situation.with_completed(step.pilot.completed)
+            manager.take(lambda s: s.with_completed(step.pilot.completed))
         for goal in refused:
-            situation = situation.with_refused(goal)
-        news = (self._fault, self._request, *self.completed, *refused)
-        if news != self._news or self._time >= self._decide_at:
-            self._news, self._decide_at = news, self._time + 0.25
-            situation = self._managed(situation)
-        self._situation = situation
+            manager.take(lambda s, goal=goal: s.with_refused(goal))
 
-    def _managed(self, situation: Situation) -> Situation:
-        """Do what the manager does: decide, and command."""
-        situation = situation.with_priorities(*self._request, self._time)
-        outcome = decide(self._policy, situation, self._time, INPUT_TIMEOUT)
+    def _decide(self, manager: MissionManager) -> None:
+        """Let the manager decide, and the bridge hear of it."""
+        manager.take(lambda s: s.with_priorities(*self._request, self._time))
+        outcome = manager.step(self._time)
         if isinstance(outcome, Refusal):
-            self._standing = None
-            return situation
-        decision, self._standing = dwell(outcome, situation, self._standing, 5.0, self._time)
-        text = format_command(self.mission, decision.action)
+            return
+        text = format_command(self.mission, outcome.action)
         if text != self.command:
             self.commands.append((self._time, text))
-        self.bridge.pilot.goals_wanted = any(situation.priorities)
-        self.bridge.pilot.command(self._plan.task(decision.action, text), self._time)
-        return situation.after(decision.action)
+        self.bridge.pilot.goals_wanted = any(manager.situation.priorities)
+        self.bridge.pilot.command(self._plan.task(outcome.action, text), self._time)
 
     # The crew
 
     def want(self, *priorities: int) -> None:
         self._request = priorities, f'request at {self._time}'
-        if self._situation is not None:
-            self._situation = self._situation.with_priorities(*self._request, self._time)
+        if self.manager is not None:
+            self.manager.take(lambda s: s.with_priorities(*self._request, self._time))
 
     def spend(self, seconds: float) -> None:
         for _ in range(round(seconds / STEP)):
@@ -203,11 +211,14 @@ class SimulatedChain(Chain):
         self.stalled = False
 
     def kill_manager(self) -> None:
-        self._situation: Situation | None = None
+        self.manager: MissionManager | None = None
 
     def start_manager(self) -> None:
-        self._situation = Situation(self.mission)
-        self._standing: StandingCommand | None = None
+        self.manager = MissionManager(self._policy)
+
+    @property
+    def _situation(self) -> Situation | None:
+        return self.manager and self.manager.situation
 
     def hold(self) -> tuple[bool, str]:
         return self.bridge.hold(self._time)

@@ -75,7 +75,7 @@ def test_a_command_is_kept_over_the_border_of_a_cell(
     assert commands == ['repair'] * 48 + ['commit goal1 normal'] * 10
     # The next change of mind waits for as long.
     decision, standing = step(policy, at(SERVICE), standing, 9.9)
-    assert (command(decision), standing.since) == ('commit goal1 normal', 5.0)
+    assert (command(decision), standing.until) == ('commit goal1 normal', 10.0)
     assert command(step(policy, at(SERVICE), standing, 10.0)[0]) == 'repair'
 
 
@@ -106,7 +106,7 @@ def test_what_the_policy_says_again_is_no_change(
 ) -> None:
     decision, later = step(policy, at(SERVICE), standing, 4.0)
     assert decision == policy.decide(at(SERVICE).state)
-    assert later.since == 0.0
+    assert later.until == DWELL
 
 
 @pytest.mark.parametrize(
@@ -116,15 +116,10 @@ def test_what_the_policy_says_again_is_no_change(
         lambda s: s.with_fault('actuator', 1.0),  # One bit less, and one more.
         lambda s: s.with_threat('low', 1.0),
         lambda s: s.with_battery(0.2125, 1.0),  # goal2 falls out of range.
-        lambda s: s.with_refused('goal3'),
-        lambda s: s.with_completed('goal3'),
-        lambda s: s.with_priorities([2, 0, 1], 'b', 1.0),
-        lambda s: s.with_priorities([2, 0, 2], '', 1.0),
-        lambda s: s.with_priorities([0, 1, 0], 'c', 1.0),
         lambda s: s.with_fault('nominal', 1.0),  # There is nothing to repair.
     ],
 )
-def test_danger_a_new_task_and_a_senseless_command_do_not_wait(
+def test_danger_and_a_senseless_command_do_not_wait(
     policy: Policy,
     standing: StandingCommand,
     change: Callable[[Situation], Situation],
@@ -135,12 +130,51 @@ def test_danger_a_new_task_and_a_senseless_command_do_not_wait(
     assert decision == decide(policy, situation, 1.0, math.inf)
 
 
+@pytest.mark.parametrize(
+    'change',
+    [
+        lambda s: s.with_refused('goal3'),
+        lambda s: s.with_completed('goal3'),
+        lambda s: s.with_priorities([2, 0, 1], 'b', 1.0),
+        lambda s: s.with_priorities([0, 1, 0], 'c', 1.0),
+    ],
+)
+def test_a_new_task_waits(
+    policy: Policy, standing: StandingCommand, change: Callable[[Situation], Situation]
+) -> None:
+    situation = change(at(BESIDE))
+    assert command(decide(policy, situation, 1.0, math.inf)) != 'repair'
+    assert command(step(policy, situation, standing, 1.0)[0]) == 'repair'
+
+
+def test_when_nothing_is_wanted_any_more_it_does_not_wait(policy: Policy) -> None:
+    situation = at(BESIDE, 'nominal', (0, 0, 0))
+    for wanted, said in ((True, 'none normal'), (False, 'none agile')):
+        standing = StandingCommand(ACTIONS['none agile'], DWELL, frozenset(), wanted)
+        assert command(step(policy, situation, standing, 1.0)[0]) == said
+
+
+def test_a_danger_that_comes_whenever_it_hurts_changes_the_command_no_more_often(
+    policy: Policy,
+) -> None:
+    """It comes when the command has gone back to normal, and goes as soon as it is heeded."""
+    calm, danger = at(BESIDE), at(BESIDE).with_threat('high', 0.0)
+    standing, changes, agile = None, [], True
+    for tenth in range(3000):
+        decision, standing = step(policy, calm if agile else danger, standing, tenth / 10.0)
+        if decision.action.agile != agile:
+            agile = decision.action.agile
+            changes.append(tenth / 10.0)
+    assert len(changes) > 50
+    assert max(sum(t <= time < t + 60.0 for time in changes) for t in changes) <= 13
+
+
 def test_danger_that_was_there_before_is_no_reason(
     policy: Policy, standing: StandingCommand
 ) -> None:
-    harmless = replace(standing, situation=at(SERVICE).with_threat('low', 0.0))
+    harmless = replace(standing, dangers=at(SERVICE).with_threat('low', 0.0).dangers.counted)
     assert command(step(policy, at(BESIDE), harmless, 1.0)[0]) == 'repair'
-    worse = replace(standing, situation=at(SERVICE, fault='all'))
+    worse = replace(standing, dangers=at(SERVICE, fault='all').dangers.counted)
     assert command(step(policy, at(BESIDE), worse, 1.0)[0]) == 'repair'
 
 
@@ -155,14 +189,19 @@ def test_a_goal_that_is_done_or_refused_is_left_at_once(
     # `paper` missions allow.
     paper = replace(MISSION, feasibility='paper')
     free, situation = build_policy(paper), change(at(BESIDE))
-    standing = StandingCommand(ACTIONS['commit goal1 normal'], 0.0, situation)
+    counted = situation.dangers.counted
+    standing = StandingCommand(ACTIONS['commit goal1 normal'], DWELL, counted, wanted=True)
     decision, _ = step(free, situation, standing, 1.0)
     assert 'keeps' not in decision.reason
 
 
-def test_a_clock_set_back_ends_the_wait(policy: Policy, standing: StandingCommand) -> None:
-    decision, later = step(policy, at(BESIDE), standing, -100.0)
-    assert (command(decision), later.since) == ('commit goal1 normal', -100.0)
+def test_after_a_clock_set_back_it_waits_for_the_longest_wait_at_most(
+    policy: Policy, standing: StandingCommand
+) -> None:
+    decision, standing = step(policy, at(BESIDE), standing, -100.0)
+    assert (command(decision), standing.until) == ('repair', -90.0)
+    assert command(step(policy, at(BESIDE), standing, -90.1)[0]) == 'repair'
+    assert command(step(policy, at(BESIDE), standing, -90.0)[0]) == 'commit goal1 normal'
 
 
 STEPS = st.lists(
@@ -189,4 +228,4 @@ def test_what_is_commanded_is_always_allowed_and_late_by_the_dwell_at_most(
         assert math.isfinite(decision.values[decision.action.number - 1])
         if decision.action == policy.decide(situation.state).action:
             agreed = now
-        assert now - agreed < DWELL or now - standing.since < DWELL
+        assert now - agreed < DWELL or now < standing.until <= now + 2.0 * DWELL

@@ -53,8 +53,8 @@ def test_required_range_goes_over_the_goal_to_the_service_cell() -> None:
         (1, 2000.0, 1),
         (1, 2000.1, 0),  # sigma is 2000 m at a charge of 2/3
         (0, 2000.0, 0),
-        (0, 1666.0, 1),
-        (0, 1667.0, 0),
+        (0, 1591.0, 1),  # 1.2 times that, and the 90 m of two points
+        (0, 1592.0, 0),
     ],
 )
 def test_flag_at_the_limit(previous: int, distance: float, flag: int) -> None:
@@ -71,8 +71,27 @@ def test_full_charge_brings_back_what_it_can_reach() -> None:
 @given(charge=CHARGE, distances=DISTANCES)
 def test_without_margin_the_flag_is_the_papers_rule(charge: float, distances: list[float]) -> None:
     rule = tuple(int(flight_range(ENERGY, charge) >= d) for d in distances)
-    for held in (0, 1):
-        assert range_flags(ENERGY, charge, distances, [held] * len(distances), 0.0) == rule
+    assert range_flags(ENERGY, charge, distances, [1] * len(distances), 0.0) == rule
+
+
+def test_an_old_battery_brings_back_what_it_can_reach_when_it_is_full() -> None:
+    reach = flight_range(ENERGY, 0.95 * 0.8)
+    assert range_flags(ENERGY, 0.8, [reach], [0], 0.2, share=0.8) == (1,)
+    assert range_flags(ENERGY, 0.8, [reach], [0], 0.2) == (0,)
+
+
+@pytest.mark.parametrize('hysteresis', [0.0, 0.2])
+def test_a_lost_flag_needs_two_points_of_the_gauge_to_come_back(hysteresis: float) -> None:
+    needed = [flight_range(ENERGY, 0.5)]
+    for charge, flag in ((0.499, 0), (0.51, 0), (0.519, 0)):
+        assert range_flags(ENERGY, charge, needed, [0], hysteresis) == (flag,)
+    assert range_flags(ENERGY, 0.521 + 0.5 * hysteresis, needed, [0], hysteresis) == (1,)
+
+
+@pytest.mark.parametrize('percent', range(90, 101))
+def test_a_full_battery_brings_back_whatever_it_can_reach(percent: int) -> None:
+    needed = [flight_range(ENERGY, percent / 100.0)]
+    assert range_flags(ENERGY, 1.0, needed, [0], 0.2) == (1,)
 
 
 @given(charge=CHARGE, more=CHARGE, distances=DISTANCES, margin=st.floats(0.0, 1.0))

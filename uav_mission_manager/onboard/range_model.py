@@ -18,6 +18,10 @@ SECONDS_PER_HOUR = 3600.0
 FULL_CHARGE = 0.95
 """State of charge (0 to 1) that counts as full; a choice."""
 
+FLAG_MARGIN = 0.02
+"""Charge (0 to 1) that must be there besides the hysteresis for a lost flag to come back: two
+points of the usual gauge, more than it flickers by; a choice."""
+
 
 def endurance(energy: Energy, charge: float) -> float:
     """Flight time tau [s] left at a state of charge SoC (0 to 1)."""
@@ -46,8 +50,9 @@ def range_flags(
     needed: Sequence[float],
     previous: Sequence[int],
     hysteresis: float,
+    share: float = 1.0,
 ) -> tuple[int, ...]:
-    """Range flags r_j (0, 1): lost below d_j, back at (1 + hysteresis) d_j.
+    """Range flags r_j (0, 1): lost below d_j, back at (1 + hysteresis) d_j and two points more.
 
     A range that a full charge gives is enough to come back, or recharging might never end.
 
@@ -62,10 +67,13 @@ def range_flags(
         The flags so far.
     hysteresis : float
         Fraction of d_j.
+    share : float
+        What a full battery holds, of the capacity that the charge is counted by.
     """
     sigma = flight_range(energy, charge)
-    full = flight_range(energy, FULL_CHARGE)
-    back = (max(d, min((1.0 + hysteresis) * d, full)) for d in needed)
+    full = flight_range(energy, FULL_CHARGE * share)
+    margin = flight_range(energy, FLAG_MARGIN) - flight_range(energy, 0.0)
+    back = (max(d, min((1.0 + hysteresis) * d + margin, full)) for d in needed)
     return tuple(
         int(sigma >= (d if held else regained))
         for d, regained, held in zip(needed, back, previous, strict=True)

@@ -1,4 +1,4 @@
-"""The situation on board: inputs in, state `[f r.. g.. l c t m]` and decision out.
+"""The situation on board: inputs in, state `[f r.. g.. l c t m]` out.
 
 A `Situation` is immutable; every `with_...` method checks one input and returns the next
 situation, or raises `InputError` and leaves the last good value where it is. Time is an argument.
@@ -10,35 +10,22 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from uav_mission_manager.mdp import (
-    FAULT_MODES,
-    THREAT_LEVELS,
-    Action,
-    ActionKind,
-    Grid,
-    Mission,
-)
+from uav_mission_manager.echo import quoted, shown
+from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, Action, Energy, Mission
+from uav_mission_manager.onboard.battery import Batteries, BatteryReport
 from uav_mission_manager.onboard.inputs import InputError
+from uav_mission_manager.onboard.place import cell_with_margin, off_grid, strayed
 from uav_mission_manager.onboard.range_model import range_flags, required_ranges
-from uav_mission_manager.policy import Decision, Policy
+from uav_mission_manager.onboard.settling import Dangers, GoalRequest, Wish
 
 REQUIRED_INPUTS = ('battery_state', 'odom', 'fault_mode')
 """Inputs that a decision needs, each of them fresh."""
 
-MAX_DIAGONALS_OFF_GRID = 2.0
-"""Distance from the grid, in grid diagonals, beyond which a position is refused: a choice. So far
-off it comes in another frame or from another origin, and its nearest cell means nothing."""
+FAULT_DANGERS = ('sensor', 'actuator', 'camera')
+"""The dangers of a fault mode f: one for each bit of f - 1, from the lowest."""
 
-
-UNHEALTHY_BATTERY = 'battery_state: reported unhealthy, counted as empty'
-"""What is said while the sender of the battery state does not call the battery healthy."""
-
-
-@dataclass(frozen=True)
-class Refusal:
-    """No decision, and why."""
-
-    reason: str
+THREAT_DANGERS = ('threat low', 'threat high')
+"""The dangers of a threat t: the first t of them."""
 
 
 @dataclass(frozen=True)
@@ -51,122 +38,137 @@ class Situation:
         Needs an `energy` section: the range flags are computed from it.
     hysteresis : float
         A lost range flag comes back at 1 + hysteresis times the range that its goal needs.
-    charge : float or None
-        State of charge, 0 to 1.
-    battery_healthy : bool
-        Whether the sender calls the battery healthy; if not, no goal is in range.
+    settling_time : float
+        Time [s] for which a danger counts after its end, and after which the next change of
+        priorities counts at once.
+    threat_unknown : str
+        Threat level that counts until one is heard.
+    batteries : Batteries
     position : tuple of (east, north) or None
         From the centre of cell 0 [m].
-    fault, threat : int
-        f from 1, t from 0.
-    priorities, in_range : tuple of k
-        g_j, and whether the charge reaches goal j.
+    cell : int
+        l, the base before there is a position.
+    dangers : Dangers
+        Failed parts, threat, and goals out of range.
+    priorities : tuple of k
+        g_j.
     refused : tuple of bool
         Whether the vehicle refused to fly to goal j; it counts as out of range.
     request : str
-        Id of the last request for priorities.
+        Id of the request that the priorities come from.
+    wish : Wish
+        Priorities that do not count yet.
     commitment, agile : int, bool
         c (the goal committed to, from 1; 0 for none) and m, as the last decided action left
         them.
     seen : mapping
         Time of the last good message by topic [s].
+    known : set of str
+        Topics heard at any time, also before the process was started anew.
+    time : float
+        Time of the last change [s].
     """
 
     mission: Mission
     hysteresis: float = 0.2
-    charge: float | None = None
-    battery_healthy: bool = True
+    settling_time: float = 0.0
+    threat_unknown: str = THREAT_LEVELS[0]
+    batteries: Batteries = field(default_factory=Batteries)
     position: tuple[float, float] | None = None
-    fault: int = 1
-    threat: int = 0
+    cell: int = -1
+    dangers: Dangers = field(default_factory=Dangers)
     priorities: tuple[int, ...] = ()
-    in_range: tuple[int, ...] = ()
     refused: tuple[bool, ...] = ()
     request: str = ''
+    wish: Wish = field(default_factory=Wish)
     commitment: int = 0
     agile: bool = False
     seen: Mapping[str, float] = field(default_factory=dict)
+    known: frozenset[str] = frozenset()
+    time: float = -math.inf
 
     def __post_init__(self) -> None:
-        """Start with every goal in range, not refused and of priority 0."""
+        """Start at the base with every goal in range, not refused and of priority 0."""
         if self.mission.energy is None:
             raise ValueError(f'mission {self.mission.name}: no energy section, so no range')
+        object.__setattr__(self, 'cell', self.mission.grid.base if self.cell < 0 else self.cell)
         object.__setattr__(self, 'priorities', self.priorities or (0,) * self.mission.k)
-        object.__setattr__(self, 'in_range', self.in_range or (1,) * self.mission.k)
         object.__setattr__(self, 'refused', self.refused or (False,) * self.mission.k)
 
-    def with_battery(self, percentage: float, now: float, healthy: bool = True) -> Situation:
-        """Take a state of charge (0 to 1); NaN and anything outside is unknown.
+    def with_battery(
+        self,
+        percentage: float,
+        now: float,
+        healthy: bool = True,
+        *,
+        voltage: float = math.nan,
+        current: float = math.nan,
+        capacity: float = math.nan,
+        battery: str = '',
+    ) -> Situation:
+        """Take what is said of a battery, by its id; see `BatteryReport`.
 
-        A battery that is not `healthy` counts as empty, whatever its percentage.
+        One that is not `healthy` counts as empty, whatever its percentage.
         """
-        charge = percentage if healthy else 0.0
-        if not 0.0 <= charge <= 1.0:
-            raise InputError(f'battery_state: percentage {charge} is unknown (not in 0..1)')
-        return self._heard('battery_state', now, charge=charge, battery_healthy=healthy)._ranged()
+        report = BatteryReport(percentage, voltage, current, capacity, healthy)
+        batteries = self.batteries.report(battery, report, self._energy, now)
+        return self._heard('battery_state', now, batteries=batteries)._ranged()
 
     def with_position(self, east: float, north: float, now: float) -> Situation:
-        """Take a position in `map` [m], on the grid or near it."""
+        """Take a position in `map` [m]; where it is off the grid nothing is decided."""
         if not (math.isfinite(east) and math.isfinite(north)):
             raise InputError(f'odom: position ({east}, {north}) is not finite')
-        away = _diagonals_off_grid(self.mission.grid, east, north)
-        if away > MAX_DIAGONALS_OFF_GRID:
-            # In whole diagonals: the complaint stays the same while the vehicle moves a little.
-            raise InputError(
-                f'odom: position is {away:.0f} grid diagonals off the grid, '
-                f'more than {MAX_DIAGONALS_OFF_GRID:.0f}: another frame or origin?'
-            )
-        return self._heard('odom', now, position=(east, north))._ranged()
+        position = east, north
+        cell = cell_with_margin(self.mission.grid, position, self.cell)
+        return self._heard('odom', now, position=position, cell=cell)._ranged()
 
     def with_fault(self, name: str, now: float) -> Situation:
         """Take a fault mode by name."""
-        if name not in FAULT_MODES:
-            raise InputError(f'fault_mode: {name!r} is not one of {", ".join(FAULT_MODES)}')
-        return self._heard('fault_mode', now, fault=FAULT_MODES.index(name) + 1)
+        bits = _position('fault_mode', name, FAULT_MODES)
+        there = {part for bit, part in enumerate(FAULT_DANGERS) if bits >> bit & 1}
+        return self._heard('fault_mode', now)._endangered(there, FAULT_DANGERS)
 
     def with_threat(self, name: str, now: float) -> Situation:
         """Take a threat level by name."""
-        if name not in THREAT_LEVELS:
-            raise InputError(f'threat_level: {name!r} is not one of {", ".join(THREAT_LEVELS)}')
-        return self._heard('threat_level', now, threat=THREAT_LEVELS.index(name))
+        there = set(THREAT_DANGERS[: _position('threat_level', name, THREAT_LEVELS)])
+        return self._heard('threat_level', now)._endangered(there, THREAT_DANGERS)
 
     def with_priorities(self, values: Sequence[int], request: str, now: float) -> Situation:
         """Take a request for the priorities of all goals.
 
         A request with the id of the last one is its repetition and changes nothing. A new one
-        forgets which goals were refused; one without id, which may be repeated, does so only
-        for goals whose priority it changes.
+        counts at once if nothing is wanted any more, or the last change is `settling_time` ago;
+        else it must last so long. It then forgets which goals were refused; one without id,
+        which may be repeated, does so only for goals whose priority it changes.
         """
-        values = tuple(values)
-        if len(values) != self.mission.k:
-            raise InputError(
-                f'goal_priorities: data has {len(values)} values, not {self.mission.k}'
-            )
-        for goal, value in zip(self.mission.goals, values, strict=True):
-            if value not in (0, 1, 2):
-                raise InputError(f'goal_priorities: {goal.name} is {value}, not 0, 1 or 2')
-        if request and request == self.request:
-            return self._heard('goal_priorities', now)
-        refused: tuple[bool, ...] = ()
-        if not request:
-            refused = tuple(
-                was and old == new
-                for was, old, new in zip(self.refused, self.priorities, values, strict=True)
-            )
-        return self._heard(
-            'goal_priorities',
-            now,
-            priorities=values,
-            refused=refused,
-            request=request or self.request,
-        )
+        priorities = self._checked_priorities(values)
+        heard = self._heard('goal_priorities', now)
+        last = heard.wish.pending or GoalRequest(heard.priorities, heard.request)
+        if request == last.id if request else priorities == last.priorities:
+            return heard
+        if request and request == heard.request:  # The one in force, after another one.
+            return replace(heard, wish=Wish(None, now))
+        asked = GoalRequest(priorities, request or last.id)
+        if not any(priorities) or heard.wish.lasts(now, self.settling_time):
+            return heard._granted(asked, now)
+        return replace(heard, wish=Wish(asked, now))
 
     def with_completed(self, name: str) -> Situation:
         """Set the priority of a completed goal to 0, and c too where it was committed to."""
         goal = self._goal('goal_completed', name)
-        priorities = tuple(0 if j == goal else g for j, g in enumerate(self.priorities))
-        commitment = 0 if self.commitment == goal + 1 else self.commitment
-        return replace(self, priorities=priorities, commitment=commitment)
+
+        def without(priorities: tuple[int, ...]) -> tuple[int, ...]:
+            return tuple(0 if j == goal else g for j, g in enumerate(priorities))
+
+        pending = self.wish.pending
+        if pending is not None:
+            pending = replace(pending, priorities=without(pending.priorities))
+        return replace(
+            self,
+            priorities=without(self.priorities),
+            wish=replace(self.wish, pending=pending),
+            commitment=0 if self.commitment == goal + 1 else self.commitment,
+        )
 
     def with_refused(self, name: str) -> Situation:
         """Count a goal as out of range until priorities are asked for anew, or goals reset.
@@ -179,7 +181,15 @@ class Situation:
 
     def without_goals(self) -> Situation:
         """Set all priorities and the commitment to 0 and forget refusals, not the request's id."""
-        return replace(self, priorities=(0,) * self.mission.k, commitment=0, refused=())
+        pending = self.wish.pending
+        return replace(
+            self,
+            priorities=(0,) * self.mission.k,
+            request=pending.id if pending else self.request,
+            wish=replace(self.wish, pending=None),
+            commitment=0,
+            refused=(),
+        )
 
     def with_mission(self, mission: Mission) -> Situation:
         """Continue with a mission of the same goals and grid but other numbers."""
@@ -189,11 +199,49 @@ class Situation:
         """Continue with c' and m' of a decided action."""
         return replace(self, commitment=action.commitment, agile=action.agile)
 
+    def settled(self, now: float) -> Situation:
+        """Let time pass: what has lasted counts, what is long over does so no more."""
+        settled = replace(
+            self,
+            batteries=self.batteries.settle(now),
+            dangers=self.dangers.settle(now, self.settling_time),
+            wish=self.wish.settle(now),
+            time=now,
+        )
+        pending = settled.wish.pending
+        if pending and settled.wish.lasts(now, self.settling_time):
+            return settled._granted(pending, settled.wish.changed_at)
+        return settled
+
     @property
-    def cell(self) -> int:
-        """Cell of the last position, the base before there is one."""
-        grid = self.mission.grid
-        return grid.base if self.position is None else grid.cell_at(*self.position)
+    def charge(self) -> float | None:
+        """State of charge (0 to 1) of the mission's capacity; None before there is one."""
+        battery = self.batteries.worst(self._energy)
+        return None if battery is None else battery.charge(self._energy)
+
+    @property
+    def fault(self) -> int:
+        """Fault mode f, from 1."""
+        counted = self.dangers.counted
+        return 1 + sum((part in counted) << bit for bit, part in enumerate(FAULT_DANGERS))
+
+    @property
+    def threat(self) -> int:
+        """Threat level t, from 0."""
+        if 'threat_level' not in self.known:
+            return THREAT_LEVELS.index(self.threat_unknown)
+        return sum(danger in self.dangers.counted for danger in THREAT_DANGERS)
+
+    @property
+    def in_range(self) -> tuple[int, ...]:
+        """Whether the charge reaches goal j."""
+        counted = self.dangers.counted
+        return tuple(int(danger not in counted) for danger in self._range_dangers)
+
+    @property
+    def reachable(self) -> tuple[int, ...]:
+        """The range flags r_j of the state: in range by the charge, and not refused."""
+        return tuple(int(r and not refused) for r, refused in zip(self.in_range, self.refused))
 
     @property
     def state(self) -> tuple[int, ...]:
@@ -209,20 +257,10 @@ class Situation:
         )
 
     @property
-    def reachable(self) -> tuple[int, ...]:
-        """The range flags r_j of the state: in range by the charge, and not refused."""
-        return tuple(int(r and not refused) for r, refused in zip(self.in_range, self.refused))
-
-    @property
     def refused_goals(self) -> tuple[str, ...]:
         """Names of the refused goals."""
         goals = zip(self.mission.goals, self.refused)
         return tuple(goal.name for goal, refused in goals if refused)
-
-    @property
-    def task(self) -> tuple[object, ...]:
-        """What is asked of the vehicle: compare it to see whether that changed."""
-        return self.request, self.priorities, self.refused
 
     def without_refused(self) -> Situation:
         """Return the same situation, with refused goals not wanted instead of out of range."""
@@ -232,11 +270,27 @@ class Situation:
         return replace(self, priorities=priorities, refused=())
 
     @property
+    def off_grid(self) -> str:
+        """How far the position is off the grid, in words; '' where it is not."""
+        away = 0.0 if self.position is None else off_grid(self.mission.grid, self.position)
+        return f'odom: {away:.0f} m off the grid' if away else ''
+
+    @property
+    def strayed(self) -> bool:
+        """Whether a position off the grid may still be the vehicle's."""
+        return self.position is not None and strayed(self.mission.grid, self.position)
+
+    @property
     def warnings(self) -> tuple[str, ...]:
-        """What counts as worse than it would by the measured values alone, one line each."""
-        battery = () if self.battery_healthy else (UNHEALTHY_BATTERY,)
+        """What is unknown or counts as worse than it is measured to be, one line each."""
         until = 'counted as out of range until priorities are asked for anew'
-        return (*battery, *(f'goal_refused: {name}, {until}' for name in self.refused_goals))
+        threat = f'threat_level: never heard, counted as {self.threat_unknown}'
+        return (
+            *self.batteries.doubts(self._energy, self.time),
+            *([self.off_grid] if self.off_grid else []),
+            *([] if 'threat_level' in self.known else [threat]),
+            *(f'goal_refused: {shown(name)}, {until}' for name in self.refused_goals),
+        )
 
     def ages(self, now: float) -> dict[str, float]:
         """Age [s] of the last good message of every topic heard."""
@@ -252,59 +306,74 @@ class Situation:
             if topic not in ages or abs(ages[topic]) > timeout
         )
 
+    @property
+    def _energy(self) -> Energy:
+        assert self.mission.energy is not None  # See __post_init__.
+        return self.mission.energy
+
+    @property
+    def _range_dangers(self) -> tuple[str, ...]:
+        """The dangers of the range flags r_j."""
+        return tuple(f'range {goal.name}' for goal in self.mission.goals)
+
     def _goal(self, topic: str, name: str) -> int:
         """Number of a goal from 0, by name."""
-        names = [goal.name for goal in self.mission.goals]
-        if name not in names:
-            raise InputError(f'{topic}: {name!r} is not one of {", ".join(names)}')
-        return names.index(name)
+        return _position(topic, name, [goal.name for goal in self.mission.goals])
+
+    def _checked_priorities(self, values: Sequence[int]) -> tuple[int, ...]:
+        if len(values) != self.mission.k:
+            raise InputError(
+                f'goal_priorities: data has {len(values)} values, not {self.mission.k}'
+            )
+        for goal, value in zip(self.mission.goals, values, strict=True):
+            if value not in (0, 1, 2):
+                raise InputError(
+                    f'goal_priorities: {shown(goal.name)} is {shown(value)}, not 0, 1 or 2'
+                )
+        return tuple(values)
+
+    def _granted(self, asked: GoalRequest, changed_at: float) -> Situation:
+        """Let priorities count."""
+        refused: tuple[bool, ...] = ()
+        if asked.id == self.request:
+            changes = zip(self.refused, self.priorities, asked.priorities, strict=True)
+            refused = tuple(was and old == new for was, old, new in changes)
+        return replace(
+            self,
+            priorities=asked.priorities,
+            request=asked.id,
+            refused=refused,
+            wish=Wish(None, changed_at),
+        )
 
     def _heard(self, topic: str, now: float, **changes: object) -> Situation:
-        return replace(self, seen={**self.seen, topic: now}, **changes)  # type: ignore[arg-type]
+        heard = self.settled(now)
+        changes |= {'seen': {**heard.seen, topic: now}, 'known': heard.known | {topic}}
+        return replace(heard, **changes)  # type: ignore[arg-type]
+
+    def _endangered(self, there: set[str], among: Sequence[str]) -> Situation:
+        dangers = self.dangers.report(there, set(among), self.time)
+        return replace(self, dangers=dangers.settle(self.time, self.settling_time))
 
     def _ranged(self) -> Situation:
-        if self.charge is None or self.position is None or self.mission.energy is None:
+        battery = self.batteries.worst(self._energy)
+        if battery is None or self.position is None:
             return self
-        if not self.battery_healthy:
-            return replace(self, in_range=(0,) * self.mission.k)
-        needed = required_ranges(self.mission, self.position)
-        flags = range_flags(
-            self.mission.energy, self.charge, needed, self.in_range, self.hysteresis
-        )
-        return replace(self, in_range=flags)
+        flags: tuple[int, ...] = (0,) * self.mission.k
+        if battery.report.healthy:
+            flags = range_flags(
+                self._energy,
+                battery.charge(self._energy),
+                required_ranges(self.mission, self.position),
+                self.in_range,
+                self.hysteresis,
+                battery.share(self._energy),
+            )
+        lost = {danger for danger, flag in zip(self._range_dangers, flags) if not flag}
+        return self._endangered(lost, self._range_dangers)
 
 
-def _diagonals_off_grid(grid: Grid, east: float, north: float) -> float:
-    """Distance of a point [m] from the grid, in grid diagonals; 0 on the grid."""
-    half, width, height = grid.cell_size / 2, grid.cols, grid.rows
-    x, y = (east + half) / grid.cell_size, (half - north) / grid.cell_size
-    away = math.hypot(max(-x, x - width, 0.0), max(-y, y - height, 0.0))
-    return away / math.hypot(width, height)
-
-
-def decide(policy: Policy, situation: Situation, now: float, timeout: float) -> Decision | Refusal:
-    """Return the policy's decision, or a refusal where a required input is missing.
-
-    In the model recharging brings every goal back into range, but it brings no refused one back:
-    where it has no other use, the policy decides as if the refused goals were not wanted, and the
-    decision's values are those of that state.
-
-    Parameters
-    ----------
-    policy : Policy
-    situation : Situation
-    now : float
-        Time [s], on the clock of the situation's inputs.
-    timeout : float
-        Age [s] above which an input counts as missing.
-    """
-    missing = situation.missing(now, timeout)
-    if missing:
-        return Refusal('link lost: ' + ', '.join(missing))
-    decision = policy.decide(situation.state)
-    refused = ', '.join(situation.refused_goals)
-    if refused and decision.action.kind is ActionKind.RECHARGE and all(situation.in_range):
-        decision = policy.decide(situation.without_refused().state)
-        reason = f'as if {refused}, refused, were not wanted: {decision.reason}'
-        return replace(decision, state=situation.state, reason=reason)
-    return decision
+def _position(topic: str, name: str, names: Sequence[str]) -> int:
+    if name not in names:
+        raise InputError(f'{topic}: {quoted(name)} is not one of {shown(", ".join(names))}')
+    return names.index(name)

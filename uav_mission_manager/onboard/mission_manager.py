@@ -1,0 +1,155 @@
+"""The manager without ROS: inputs in, decisions out, and a memory for the one started after it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from uav_mission_manager.mdp import THREAT_LEVELS, Mission, global_actions
+from uav_mission_manager.onboard.deciding import Refusal, decide
+from uav_mission_manager.onboard.dwell import StandingCommand, dwell, stay
+from uav_mission_manager.onboard.memory import remembered, situation_memory
+from uav_mission_manager.onboard.situation import Situation
+from uav_mission_manager.policy import Decision, Policy
+
+
+@dataclass(frozen=True)
+class ManagerSettings:
+    """How the manager takes its inputs.
+
+    Attributes
+    ----------
+    input_timeout : float
+        Age [s] above which battery, position or fault mode count as missing.
+    range_hysteresis : float
+        Extra range with which a lost range flag comes back, as a fraction.
+    command_dwell : float
+        Time [s] for which a command stays before a change that no danger asks for.
+    settling_time : float
+        Time [s] for which a danger counts after its end; 0 for none.
+    threat_unknown : str
+        Threat level that counts until one is heard.
+    """
+
+    input_timeout: float = 3.0
+    range_hysteresis: float = 0.2
+    command_dwell: float = 5.0
+    settling_time: float = 5.0
+    threat_unknown: str = THREAT_LEVELS[0]
+
+
+class MissionManager:
+    """Takes inputs and decides. Time is an argument, always of the same clock.
+
+    Parameters
+    ----------
+    policy : Policy
+    settings : ManagerSettings
+    memory : mapping, optional
+        What `memory` said of a manager for the same goals and grid: this one goes on from there.
+
+    Raises
+    ------
+    ValueError
+        One line: the mission has no energy model, or the memory is of something else.
+
+    Attributes
+    ----------
+    policy : Policy
+    situation : Situation
+    """
+
+    def __init__(
+        self,
+        policy: Policy,
+        settings: ManagerSettings = ManagerSettings(),
+        memory: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.policy = policy
+        self._settings = settings
+        self.situation = Situation(
+            policy.mission,
+            settings.range_hysteresis,
+            settings.settling_time,
+            settings.threat_unknown,
+        )
+        self._standing: StandingCommand | None = None
+        if memory is not None:
+            try:
+                self.situation = remembered(self.situation, memory['situation'])
+                self._standing = _remembered_command(policy.mission, memory['command'])
+            except (KeyError, TypeError, ValueError, IndexError) as error:
+                raise ValueError(f'memory: {error!r}') from error
+
+    def take(self, change: Callable[[Situation], Situation]) -> tuple[str, ...]:
+        """Change the situation; return the warnings that are new.
+
+        Raises
+        ------
+        InputError
+            As the change does; then nothing is changed.
+        """
+        before = self.situation.warnings
+        self.situation = change(self.situation)
+        return tuple(text for text in self.situation.warnings if text not in before)
+
+    def step(self, now: float) -> Decision | Refusal:
+        """Decide, and remember that."""
+        self.situation = self.situation.settled(now)
+        if 'goal_priorities' not in self.situation.known:
+            return Refusal('no goal priorities yet')
+        outcome = decide(self.policy, self.situation, now, self._settings.input_timeout)
+        if isinstance(outcome, Refusal):
+            return outcome
+        if self.situation.off_grid:
+            stays = (
+                stay(outcome, self.situation, self._standing) if self.situation.strayed else None
+            )
+            return stays or Refusal(self.situation.off_grid)
+        outcome, self._standing = dwell(
+            outcome, self.situation, self._standing, self._settings.command_dwell, now
+        )
+        self.situation = self.situation.after(outcome.action)
+        return outcome
+
+    def adopt(self, policy: Policy) -> None:
+        """Fly on with another policy; the standing command stays.
+
+        Raises
+        ------
+        ValueError
+            If it is for other goals or another grid, or has no energy model.
+        """
+        if policy.mission.geography() != self.policy.mission.geography():
+            raise ValueError('the policy is for other goals, or another grid')
+        self.situation = self.situation.with_mission(policy.mission)
+        self.policy = policy
+
+    def reset_goals(self) -> None:
+        """Want no goal any more, and forget which were refused."""
+        self.situation = self.situation.without_goals()
+
+    @property
+    def memory(self) -> dict[str, Any]:
+        """What another one needs to go on from here, as JSON values."""
+        command = self._standing and {
+            **asdict(self._standing),
+            'action': self._standing.action.number,
+            'dangers': sorted(self._standing.dangers),
+        }
+        return {'situation': situation_memory(self.situation), 'command': command}
+
+
+def _remembered_command(
+    mission: Mission, memory: Mapping[str, Any] | None
+) -> StandingCommand | None:
+    if memory is None:
+        return None
+    actions = {action.number: action for action in global_actions(mission)}
+    return StandingCommand(
+        actions[memory['action']],
+        float(memory['until']),
+        frozenset(memory['dangers']),
+        bool(memory['wanted']),
+    )

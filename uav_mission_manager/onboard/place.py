@@ -1,0 +1,46 @@
+"""Where a position lies on the grid, with what it wanders by."""
+
+from __future__ import annotations
+
+import math
+
+from uav_mission_manager.mdp import Grid
+
+CELL_MARGIN, CELL_MARGIN_SHARE = 2.0, 0.1
+"""The vehicle is in its last cell until it is so far past the border [m], or such a share of the
+cell's width if that is more: choices, above what a position wanders by."""
+
+OFF_GRID_SHARE = 0.5
+"""Share of a cell's width by which a position may lie off the grid and still count as in the cell
+at its border: a choice, for noise and overshoot."""
+
+MAX_DIAGONALS_OFF_GRID = 2.0
+"""Distance off the grid, in grid diagonals, up to which a vehicle may have been carried by wind: a
+choice. A position farther off comes in another frame, or from another origin."""
+
+
+def cell_with_margin(grid: Grid, position: tuple[float, float], last: int) -> int:
+    """Cell of a position [m]; `last`, the cell before, until it is left by a margin."""
+    size = grid.cell_size
+    margin = min(max(CELL_MARGIN, CELL_MARGIN_SHARE * size), size / 2.0)
+    centre = grid.position(last)
+    away = max(abs(position[0] - centre[0]), abs(position[1] - centre[1]))
+    return last if away <= size / 2.0 + margin else grid.cell_at(*position)
+
+
+def off_grid(grid: Grid, position: tuple[float, float]) -> float:
+    """Distance [m] of a position off the grid; 0 where it is on it, or near enough."""
+    half = grid.cell_size / 2.0
+    x, y = position[0] + half, half - position[1]
+    beyond = (
+        max(-along, along - cells * grid.cell_size, 0.0)
+        for along, cells in ((x, grid.cols), (y, grid.rows))
+    )
+    away = math.hypot(*beyond)
+    return away if away > OFF_GRID_SHARE * grid.cell_size else 0.0
+
+
+def strayed(grid: Grid, position: tuple[float, float]) -> bool:
+    """Whether a position that is off the grid may still be the vehicle's."""
+    diagonal = grid.cell_size * math.hypot(grid.rows, grid.cols)
+    return off_grid(grid, position) <= MAX_DIAGONALS_OFF_GRID * diagonal
