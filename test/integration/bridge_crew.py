@@ -51,6 +51,7 @@ class Crew:
         self.bridge = self.start_bridge()
         self.command: str | None = None
         self.pose: tuple[float, float] | None = None
+        self.pose_stamp = 0.0
         self.wanted: list[int] | None = [1, 1, 1]
         self._goals = ros.node.create_publisher(UInt8MultiArray, 'goal_states', qos.LATCHED)
         self._poses = ros.node.create_publisher(PoseStamped, 'command_pose', qos.LATCHED)
@@ -86,6 +87,7 @@ class Crew:
         if self.pose is not None:
             message = PoseStamped()
             message.header.frame_id = 'map'
+            message.header.stamp.sec = round(self.pose_stamp)
             message.pose.position.x, message.pose.position.y = self.pose
             self._poses.publish(message)
         if self.wanted is not None:
