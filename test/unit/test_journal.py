@@ -306,6 +306,28 @@ def test_the_file_stays_small_and_the_last_state_counts(journals, path, monkeypa
     assert state_in(journals()) == {'n': 2000}
 
 
+def test_a_journal_that_is_left_while_it_is_replaced_is_no_hindrance(journals, path, monkeypatch):
+    monkeypatch.setattr(module, 'LARGEST_JOURNAL', 0)
+    reached, disk = threading.Event(), threading.Event()
+
+    def fsync(_):
+        reached.set()
+        disk.wait(LIMIT)
+
+    monkeypatch.setattr(os, 'fsync', fsync)
+    first, second = journals(), journals()
+    first.write({'n': 1})
+    assert reached.wait(LIMIT)
+    first.close()
+    flushed = threading.Event()
+    monkeypatch.setattr(module, 'flush', lambda _: flushed.set())
+    second.write({'n': 2})
+    assert flushed.wait(LIMIT)
+    assert second.error == ''
+    disk.set()
+    assert state_in(journals()) == {'n': 2}
+
+
 def test_what_a_writer_that_died_replacing_left_is_no_matter(journals, path):
     written(journals, {'n': 1})
     left = path.with_name(f'{path.name}.new')

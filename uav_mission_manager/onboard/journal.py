@@ -17,6 +17,7 @@ import stat
 import tempfile
 import threading
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -192,7 +193,7 @@ class Journal:
                 os.fsync(new)  # First, or a power cut now costs both.
             with self._lock:
                 if self._descriptor < 0 and (self._closed or self.path.exists()):
-                    raise OSError('another process may have it now')
+                    raise BlockingIOError('another process may have it now')
                 if self._written != line:
                     _append(new, self._written)
                 os.replace(self._new, self.path)
@@ -208,9 +209,11 @@ class Journal:
             self._dirty.wait(RETRY_PERIOD if self._disk_error else None)
             self._dirty.clear()
             try:
-                # What could not be flushed once, Linux takes for flushed: it is written anew.
-                if self._disk_error or self.path.stat().st_size > LARGEST_JOURNAL:
-                    self._renew()
+                if self._disk_error:
+                    self._renew()  # What could not be flushed once, Linux takes for flushed.
+                elif self.path.stat().st_size > LARGEST_JOURNAL:
+                    with suppress(BlockingIOError):  # The one before this is not done yet.
+                        self._renew()
                 flush(self.path)
                 flush(self.path.parent)
                 self._disk_error = ''
@@ -265,7 +268,7 @@ def _taken(path: Path, flags: int = 0) -> int:
     except OSError as error:
         os.close(descriptor)
         if isinstance(error, BlockingIOError):
-            raise OSError('another process has it') from error
+            raise BlockingIOError('another process has it') from error
         raise
     return descriptor
 
