@@ -18,6 +18,7 @@ from uav_mission_manager import build_policy, load_mission
 from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, StateSpace, global_actions
 from uav_mission_manager.mdp.routes import next_hops
 from uav_mission_manager.onboard import InputError, Refusal, Situation, decide, format_command
+from uav_mission_manager.onboard.deciding import without_refused
 from uav_mission_manager.policy import Decision, Policy
 
 MISSION = load_mission(Path(__file__).parents[2] / 'config' / 'case_study.yaml')
@@ -275,7 +276,7 @@ def test_recharging_is_no_way_to_bring_a_refused_goal_back(
     assert format_command(MISSION, policy.decide(situation.state).action) == 'recharge'
     outcome = decide(policy, situation, 0.0, TIMEOUT)
     assert command(outcome) == expected
-    wanted = policy.decide(situation.without_refused().state)
+    wanted = policy.decide(without_refused(situation).state)
     assert outcome.reason == f'as if goal1, refused, were not wanted: {wanted.reason}'
     assert (outcome.state, outcome.values) == (situation.state, wanted.values)
     # With a goal that is truly out of range, recharging has its use.
@@ -308,7 +309,7 @@ def test_with_a_goal_refused_the_others_are_completed_and_the_vehicle_goes_home(
         for goal in MISSION.goals:
             start = at(cell, priorities=priorities).with_refused(goal.name)
             last, end = last_command(policy, start, cell)
-            assert (last, end.without_refused().priorities) == ('none normal', (0,) * MISSION.k)
+            assert (last, without_refused(end).priorities) == ('none normal', (0,) * MISSION.k)
 
 
 FLOATS = st.floats(allow_nan=True, allow_infinity=True)

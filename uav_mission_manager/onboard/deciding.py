@@ -38,7 +38,14 @@ def decide(policy: Policy, situation: Situation, now: float, timeout: float) -> 
     decision = policy.decide(situation.state)
     refused = ', '.join(situation.refused_goals)
     if refused and decision.action.kind is ActionKind.RECHARGE and all(situation.in_range):
-        decision = policy.decide(situation.without_refused().state)
+        decision = policy.decide(without_refused(situation).state)
         reason = f'as if {refused}, refused, were not wanted: {decision.reason}'
         return replace(decision, state=situation.state, reason=reason)
     return decision
+
+
+def without_refused(situation: Situation) -> Situation:
+    """Return the same situation, with refused goals not wanted instead of out of range."""
+    wanted = zip(situation.priorities, situation.refused)
+    priorities = tuple(0 if refused else g for g, refused in wanted)
+    return replace(situation, priorities=priorities, refused=())

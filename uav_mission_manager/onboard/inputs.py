@@ -1,5 +1,31 @@
 """What may be wrong with an input."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from uav_mission_manager.echo import quoted, shown
+from uav_mission_manager.mdp import Mission
+
 
 class InputError(ValueError):
     """A refused input: one line naming topic, field and value."""
+
+
+def index_of(name: str, names: Sequence[str], topic: str) -> int:
+    """Return where a name stands among those that a topic may have. Raises `InputError`."""
+    if name not in names:
+        raise InputError(f'{topic}: {quoted(name)} is not one of {shown(", ".join(names))}')
+    return names.index(name)
+
+
+def checked_priorities(values: Sequence[int], mission: Mission) -> tuple[int, ...]:
+    """Return priorities of all goals of a mission. Raises `InputError`."""
+    if len(values) != mission.k:
+        raise InputError(f'goal_priorities: data has {len(values)} values, not {mission.k}')
+    for goal, value in zip(mission.goals, values, strict=True):
+        if value not in (0, 1, 2):
+            raise InputError(
+                f'goal_priorities: {shown(goal.name)} is {shown(value)}, not 0, 1 or 2'
+            )
+    return tuple(values)

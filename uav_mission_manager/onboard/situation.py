@@ -10,10 +10,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from uav_mission_manager.echo import quoted, shown
+from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, Action, Energy, Mission
 from uav_mission_manager.onboard.battery import Batteries, BatteryReport
-from uav_mission_manager.onboard.inputs import InputError
+from uav_mission_manager.onboard.inputs import InputError, checked_priorities, index_of
 from uav_mission_manager.onboard.place import cell_with_margin, off_grid, strayed
 from uav_mission_manager.onboard.range_model import range_flags, required_ranges
 from uav_mission_manager.onboard.settling import Dangers, GoalRequest, Wish
@@ -124,13 +124,13 @@ class Situation:
 
     def with_fault(self, name: str, now: float) -> Situation:
         """Take a fault mode by name."""
-        bits = _position('fault_mode', name, FAULT_MODES)
+        bits = index_of(name, FAULT_MODES, 'fault_mode')
         there = {part for bit, part in enumerate(FAULT_DANGERS) if bits >> bit & 1}
         return self._heard('fault_mode', now)._endangered(there, FAULT_DANGERS)
 
     def with_threat(self, name: str, now: float) -> Situation:
         """Take a threat level by name."""
-        there = set(THREAT_DANGERS[: _position('threat_level', name, THREAT_LEVELS)])
+        there = set(THREAT_DANGERS[: index_of(name, THREAT_LEVELS, 'threat_level')])
         return self._heard('threat_level', now)._endangered(there, THREAT_DANGERS)
 
     def with_priorities(self, values: Sequence[int], request: str, now: float) -> Situation:
@@ -141,17 +141,17 @@ class Situation:
         else it must last so long. It then forgets which goals were refused; one without id,
         which may be repeated, does so only for goals whose priority it changes.
         """
-        priorities = self._checked_priorities(values)
+        priorities = checked_priorities(values, self.mission)
         heard = self._heard('goal_priorities', now)
         last = heard.wish.pending or GoalRequest(heard.priorities, heard.request)
         if request == last.id if request else priorities == last.priorities:
             return heard
-        if request and request == heard.request:  # The one in force, after another one.
-            return replace(heard, wish=Wish(None, now))
         asked = GoalRequest(priorities, request or last.id)
-        if not any(priorities) or heard.wish.lasts(now, self.settling_time):
-            return heard._granted(asked, now)
-        return replace(heard, wish=Wish(asked, now))
+        if request == heard.request != '':  # The one in force, after another one.
+            return replace(heard, wish=Wish(None, heard.time))
+        if not any(priorities) or heard.wish.lasts(heard.time, self.settling_time):
+            return heard._granted(asked, heard.time)
+        return replace(heard, wish=Wish(asked, heard.time))
 
     def with_completed(self, name: str) -> Situation:
         """Set the priority of a completed goal to 0, and c too where it was committed to."""
@@ -201,6 +201,7 @@ class Situation:
 
     def settled(self, now: float) -> Situation:
         """Let time pass: what has lasted counts, what is long over does so no more."""
+        now = max(now, self.time)  # A message may be older than the one before it.
         settled = replace(
             self,
             batteries=self.batteries.settle(now),
@@ -212,12 +213,6 @@ class Situation:
         if pending and settled.wish.lasts(now, self.settling_time):
             return settled._granted(pending, settled.wish.changed_at)
         return settled
-
-    @property
-    def charge(self) -> float | None:
-        """State of charge (0 to 1) of the mission's capacity; None before there is one."""
-        battery = self.batteries.worst(self._energy)
-        return None if battery is None else battery.charge(self._energy)
 
     @property
     def fault(self) -> int:
@@ -261,13 +256,6 @@ class Situation:
         """Names of the refused goals."""
         goals = zip(self.mission.goals, self.refused)
         return tuple(goal.name for goal, refused in goals if refused)
-
-    def without_refused(self) -> Situation:
-        """Return the same situation, with refused goals not wanted instead of out of range."""
-        priorities = tuple(
-            0 if refused else g for g, refused in zip(self.priorities, self.refused)
-        )
-        return replace(self, priorities=priorities, refused=())
 
     @property
     def off_grid(self) -> str:
@@ -318,19 +306,7 @@ class Situation:
 
     def _goal(self, topic: str, name: str) -> int:
         """Number of a goal from 0, by name."""
-        return _position(topic, name, [goal.name for goal in self.mission.goals])
-
-    def _checked_priorities(self, values: Sequence[int]) -> tuple[int, ...]:
-        if len(values) != self.mission.k:
-            raise InputError(
-                f'goal_priorities: data has {len(values)} values, not {self.mission.k}'
-            )
-        for goal, value in zip(self.mission.goals, values, strict=True):
-            if value not in (0, 1, 2):
-                raise InputError(
-                    f'goal_priorities: {shown(goal.name)} is {shown(value)}, not 0, 1 or 2'
-                )
-        return tuple(values)
+        return index_of(name, [goal.name for goal in self.mission.goals], topic)
 
     def _granted(self, asked: GoalRequest, changed_at: float) -> Situation:
         """Let priorities count."""
@@ -371,9 +347,3 @@ class Situation:
             )
         lost = {danger for danger, flag in zip(self._range_dangers, flags) if not flag}
         return self._endangered(lost, self._range_dangers)
-
-
-def _position(topic: str, name: str, names: Sequence[str]) -> int:
-    if name not in names:
-        raise InputError(f'{topic}: {quoted(name)} is not one of {shown(", ".join(names))}')
-    return names.index(name)
