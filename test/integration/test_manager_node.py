@@ -12,110 +12,13 @@ from typing import Any
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Odometry
+from flights import CASE_STUDY, SHIPPED, Flight, request
 from ros_helpers import ROOT, NodeProcess, Ros
 from sensor_msgs.msg import BatteryState
-from std_msgs.msg import MultiArrayDimension, String, UInt8MultiArray
-from visualization_msgs.msg import MarkerArray
+from std_msgs.msg import String, UInt8MultiArray
 
 from uav_mission_manager import build_policy, load_mission
 from uav_mission_manager.nodes import qos
-
-CASE_STUDY = ROOT / 'config' / 'case_study.yaml'
-SHIPPED = ROOT / 'policies' / 'case_study'
-
-
-def request(values: list[int], label: str = '') -> UInt8MultiArray:
-    message = UInt8MultiArray(data=values)
-    message.layout.dim = [MultiArrayDimension(label=label)] if label else []
-    return message
-
-
-class Flight:
-    """A vehicle that repeats its state, and everything the manager says about it."""
-
-    def __init__(self, ros: Ros) -> None:
-        self.ros, self.grid = ros, load_mission(CASE_STUDY).grid
-        self.charge, self.cell, self.fault = 0.9, 0, 'nominal'
-        self.health = BatteryState.POWER_SUPPLY_HEALTH_UNKNOWN
-        self.silent = False
-        ros.advertise('goal_priorities', UInt8MultiArray, qos.STATE_IN)
-        ros.advertise('goal_completed', String, qos.EVENT)
-        ros.advertise('goal_refused', String, qos.EVENT)
-        ros.advertise('threat_level', String, qos.STATE_IN)
-        ros.advertise('policy_set', String, qos.LATCHED)
-        ros.repeat('battery_state', self._battery, qos.SENSOR)
-        ros.repeat('odom', self._odometry, qos.SENSOR)
-        ros.repeat('fault_mode', self._fault, qos.STATE_IN)
-        self.commands = ros.listen('mission_command', String, qos.LATCHED)
-        self.poses = ros.listen('command_pose', PoseStamped, qos.LATCHED)
-        self.goals = ros.listen('goal_states', UInt8MultiArray, qos.LATCHED)
-        self.decisions = ros.listen('manager/decision', DiagnosticArray, qos.LATCHED)
-        self.markers = ros.listen('manager/markers', MarkerArray, qos.LATCHED)
-        self.diagnostics = ros.listen('/diagnostics', DiagnosticArray, qos.RELIABLE)
-
-    def _battery(self) -> BatteryState | None:
-        if self.silent:
-            return None
-        return BatteryState(percentage=self.charge, power_supply_health=self.health)
-
-    def _odometry(self) -> Odometry | None:
-        if self.silent:
-            return None
-        message = Odometry()
-        message.header.frame_id = 'map'
-        position = message.pose.pose.position
-        position.x, position.y = self.grid.position(self.cell)
-        return message
-
-    def _fault(self) -> String | None:
-        return None if self.silent else String(data=self.fault)
-
-    def ask(self, values: list[int], label: str = '') -> None:
-        self.ros.publish('goal_priorities', request(values, label), qos.STATE_IN)
-
-    def complete(self, goal: str) -> None:
-        self.ros.publish('goal_completed', String(data=goal), qos.EVENT)
-
-    def refuse(self, goal: str) -> None:
-        self.ros.publish('goal_refused', String(data=goal), qos.EVENT)
-
-    def threat(self, level: str) -> None:
-        self.ros.publish('threat_level', String(data=level), qos.STATE_IN)
-
-    def until_command(self, command: str) -> None:
-        self.ros.until(
-            lambda: self.commands and self.commands[-1].data == command, f'command {command!r}'
-        )
-
-    def until_target(self, x: float, y: float) -> None:
-        def there() -> bool:
-            position = self.poses[-1].pose.position
-            return (position.x, position.y) == (x, y)
-
-        self.ros.until(there, f'target {x}, {y}')
-
-    def until_goals(self, values: list[int]) -> None:
-        self.ros.until(
-            lambda: self.goals and list(self.goals[-1].data) == values, f'goal_states {values}'
-        )
-
-    def decision(self) -> dict[str, str]:
-        return {pair.key: pair.value for pair in self.decisions[-1].status[0].values}
-
-    def diagnosis(self, part: str) -> DiagnosticStatus:
-        status = {s.name.rsplit(' ', 1)[-1]: s for s in self.diagnostics[-1].status}
-        return status[part]
-
-    def until_diagnosis(self, part: str, level: bytes, words: str) -> None:
-        def seen() -> bool:
-            if not self.diagnostics:
-                return False
-            status = self.diagnosis(part)
-            return status.level == level and words in status.message
-
-        self.ros.until(seen, f'diagnostics {part}: {words}')
 
 
 @pytest.fixture
@@ -125,7 +28,9 @@ def flight(ros: Ros) -> Flight:
 
 @pytest.fixture
 def manager(ros: Ros, flight: Flight) -> NodeProcess:
-    process = ros.start('nodes.manager')
+    process = flight.start()
+    flight.until_asked([0, 0, 0])
+    flight.until_threat('none')
     flight.until_command('none normal')
     ros.until(lambda: flight.goals and flight.decisions and flight.markers, 'every topic')
     ros.until(lambda: 'command' in flight.decision(), 'a decision')
@@ -159,7 +64,8 @@ def test_case_one_through_topics(ros: Ros, flight: Flight, manager: NodeProcess)
     assert list(flight.goals[-1].data) == [0, 0, 0]
     flight.ask([2, 0, 0], 'b')
     flight.until_command('commit goal1 normal')
-    assert len(manager.lines('commit goal1 normal: goal1 has high priority')) == 2
+    said = 'commit goal1 normal: goal1 has high priority'
+    ros.until(lambda: len(manager.lines(said)) == 2, 'both decisions in the log')
 
 
 def test_a_goal_is_stayed_at_until_it_is_completed(
@@ -225,7 +131,7 @@ def test_fault_and_low_battery_send_it_to_service(flight: Flight, manager: NodeP
     ],
 )
 def test_a_battery_that_is_reported_unhealthy_counts_as_empty(
-    flight: Flight, manager: NodeProcess, health: int, command: str
+    ros: Ros, flight: Flight, manager: NodeProcess, health: int, command: str
 ) -> None:
     flight.health = health
     flight.ask([2, 0, 0], 'a')
@@ -236,7 +142,7 @@ def test_a_battery_that_is_reported_unhealthy_counts_as_empty(
         assert len(manager.lines(said)) == 1
         flight.health = BatteryState.POWER_SUPPLY_HEALTH_GOOD
         flight.until_command('commit goal1 normal')
-    flight.until_diagnosis('inputs', DiagnosticStatus.OK, 'all good')
+    ros.until(lambda: 'battery' not in flight.diagnosis('inputs').message, 'no complaint')
 
 
 def test_a_refused_goal_is_left_until_priorities_are_asked_for_anew(
@@ -292,19 +198,24 @@ def test_a_change_of_mind_waits_and_says_so(
     assert len(kept) >= 4  # Repeated at 1 Hz for 5 s.
 
 
-def test_a_taken_over_policy_waits_for_nothing(ros: Ros, flight: Flight) -> None:
+def test_a_taken_over_policy_keeps_the_command_that_stands(ros: Ros, flight: Flight) -> None:
     flight.cell, flight.fault = 1, 'sensor'
-    process = ros.start('nodes.manager', '--ros-args', '-p', 'command_dwell:=60.0')
+    process = flight.start('-p', 'command_dwell:=60.0')
+    flight.until_asked([2, 0, 1], 'a')
     flight.until_command('repair')
-    flight.ask([2, 0, 1], 'a')
-    flight.until_goals([2, 0, 1])
     flight.cell = 2
-    ros.until(
-        lambda: flight.decisions[-1].status[0].message.startswith('keeps repair for '), 'dwell'
-    )
+
+    def kept() -> bool:
+        said = [message.status[0].message for message in flight.decisions]
+        return bool(said) and said[-1].startswith('keeps repair for ')
+
+    ros.until(kept, 'dwell')
     ros.publish('policy_set', String(data=str(SHIPPED)), qos.LATCHED)
     ros.until(lambda: process.lines('policy taken over'), 'take-over')
-    ros.until(lambda: flight.commands[-1].data == 'commit goal1 normal', 'a change', limit=20.0)
+    flight.decisions.clear()
+    ros.until(lambda: flight.decisions, 'a decision')
+    assert kept()
+    assert {message.data for message in flight.commands} == {'repair'}
 
 
 def test_goal_states_are_repeated_though_nothing_is_decided(ros: Ros, flight: Flight) -> None:
@@ -342,13 +253,17 @@ def test_goal_states_come_before_the_command_that_follows_from_them(
     assert first == '[0, 0, 0]', second
 
 
-def test_a_position_in_another_frame_is_refused_once(
+def test_off_the_grid_nothing_is_commanded_and_it_is_said_once(
     ros: Ros, flight: Flight, manager: NodeProcess
 ) -> None:
     flight.cell = 400  # Far to the south.
-    flight.until_diagnosis('inputs', DiagnosticStatus.WARN, 'grid diagonals off the grid')
-    flight.until_diagnosis('link', DiagnosticStatus.ERROR, 'link lost: odom')
-    assert len(manager.lines('grid diagonals off the grid')) == 1
+    flight.until_diagnosis('inputs', DiagnosticStatus.WARN, 'm off the grid')
+    flight.until_diagnosis('link', DiagnosticStatus.ERROR, 'm off the grid')
+    said = len(flight.commands)
+    ros.spin(2.0)
+    assert len(flight.commands) == said
+    assert len(manager.lines('ERROR')) == 1
+    assert 'm off the grid: no command until it is back' in manager.lines('ERROR')[0]
     flight.cell = 0
     flight.until_diagnosis('link', DiagnosticStatus.OK, 'all inputs fresh')
 
@@ -492,8 +407,8 @@ def test_parameter_file_and_namespace(ros: Ros) -> None:
         '--params-file',
         str(ROOT / 'config' / 'nodes.yaml'),
     )
-    heard = ros.listen('/uav1/goal_states', UInt8MultiArray, qos.LATCHED)
-    ros.until(lambda: heard, 'goal_states in the namespace')
+    heard = ros.listen('/uav1/manager/decision', DiagnosticArray, qos.LATCHED)
+    ros.until(lambda: heard, 'a decision in the namespace')
     assert process.process.poll() is None
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -14,11 +14,14 @@ from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import Grid
 from uav_mission_manager.nodes.frames import MAP_FRAME
 from uav_mission_manager.onboard import Refusal, Situation, format_command
-from uav_mission_manager.policy import Decision
+from uav_mission_manager.policy import Decision, Policy
 
 LONGEST_TEXT = 2000
 """Characters of a message or value in the diagnostics: a choice, ten that are cut where they come
 from, and the values of all actions of a mission of a hundred goals."""
+
+KEPT_INPUTS = ('threat_level', 'goal_priorities')
+"""Inputs whose last value stays in force however old it is; the diagnostics warn of its age."""
 
 Colour = tuple[float, float, float, float]
 """Red, green, blue and opacity, 0 to 1."""
@@ -79,6 +82,69 @@ def decision_status(
         policy=digest,
         **ages,
     )
+
+
+def manager_health(
+    name: str,
+    used: tuple[str, Policy],
+    outcome: Decision | Refusal,
+    situation: Situation,
+    complaints: Mapping[str, str],
+    troubles: Mapping[str, str],
+    now: float,
+    timeout: float,
+) -> list[DiagnosticStatus]:
+    """Return how the manager is: its policy and inputs, and what else there is to say.
+
+    Parameters
+    ----------
+    name : str
+        Of the node.
+    used : tuple of str and Policy
+        Where the policy is from, and the policy.
+    outcome : Decision or Refusal
+    situation : Situation
+    complaints : mapping
+        What is wrong with messages, by topic.
+    troubles : mapping
+        What is wrong with other parts, by part; empty if nothing.
+    now, timeout : float
+        Time, and the age above which an input is old [s].
+    """
+    ok, warn, error = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+    path, policy = used
+    bad_policy = complaints.get('policy_set', '')
+    ages = situation.ages(now)
+    notes = [text for topic, text in complaints.items() if topic != 'policy_set']
+    notes += situation.warnings
+    notes += [
+        f'{topic} {ages[topic]:.1f} s old, its last value kept'
+        for topic in KEPT_INPUTS
+        if ages.get(topic, 0.0) > timeout
+    ]
+    level, link = ok, 'all inputs fresh'
+    if missing := situation.missing(now, timeout):
+        level, link = error, 'link lost: ' + ', '.join(missing)
+    elif isinstance(outcome, Refusal):  # Before anything is asked for, this is as it should be.
+        level, link = error if 'goal_priorities' in situation.known else warn, outcome.reason
+    details = {topic: f'{age:.2f} s' for topic, age in ages.items()}
+    return [
+        status(
+            warn if bad_policy else ok,
+            f'{name}: policy',
+            bad_policy or path,
+            digest=policy.digest,
+            method=policy.method,
+        ),
+        status(
+            warn if notes else ok, f'{name}: inputs', '; '.join(notes) or 'all good', **details
+        ),
+        status(level, f'{name}: link', link),
+        *(
+            status(warn if trouble else ok, f'{name}: {part}', trouble or 'all good')
+            for part, trouble in troubles.items()
+        ),
+    ]
 
 
 def cell_pose(grid: Grid, cell: int, stamp: Time) -> PoseStamped:

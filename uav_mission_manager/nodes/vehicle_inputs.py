@@ -1,0 +1,177 @@
+"""What the manager hears: messages as changes of its situation."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from nav_msgs.msg import Odometry
+from rclpy.clock import Clock
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import BatteryState
+from std_msgs.msg import Header, String, UInt8MultiArray
+
+from uav_mission_manager.echo import quoted
+from uav_mission_manager.nodes import qos
+from uav_mission_manager.nodes.clocks import seconds
+from uav_mission_manager.nodes.frames import MAP_FRAME
+from uav_mission_manager.onboard import InputError, Situation
+from uav_mission_manager.onboard.stamps import stamp_age
+
+Change = Callable[[Situation, Any, float], Situation]
+"""How a message of a time [s] changes the situation; raises `InputError`."""
+
+Taken = Callable[[str, Callable[[Situation], Situation]], None]
+"""Takes a change that came on a topic."""
+
+HEALTHY = (
+    BatteryState.POWER_SUPPLY_HEALTH_UNKNOWN,
+    BatteryState.POWER_SUPPLY_HEALTH_GOOD,
+)
+"""Health of a battery that is taken at its percentage; many senders do not know the health."""
+
+LONGEST_LABEL = 200
+"""Characters of an id, at most: a choice; ids are kept, and written to the journal."""
+
+REMEMBERED_STAMPS = 16
+"""Messages by which one that comes twice is known again: a choice, more than are under way."""
+
+
+GRAPH_PERIOD = 1.0
+"""Time [s] between two looks for senders that latch: a choice, within the time of listening."""
+
+NO_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
+"""For a second subscription, that does not suit all senders and need not."""
+
+
+class TakenOnce:
+    """Knows a message again that two subscriptions of a topic both get, by its time of sending."""
+
+    def __init__(self) -> None:
+        self._recent: deque[int] = deque(maxlen=REMEMBERED_STAMPS)
+        self._last = 0
+
+    def again(self, stamp: int) -> bool:
+        """Whether the message sent at `stamp` [ns] was taken, and none that was sent later."""
+        again = stamp in self._recent and stamp <= self._last
+        if not again:
+            self._recent.append(stamp)
+            self._last = stamp
+        return again
+
+
+class VehicleInputs:
+    """Subscribes to all that changes the situation.
+
+    Parameters
+    ----------
+    node : Node
+    take : callable
+        Is given each change with its topic.
+    clock : Clock
+        That of the situation's times.
+    timeout : float
+        Age [s] above which the stamp of a message is not believed.
+    """
+
+    def __init__(self, node: Node, take: Taken, clock: Clock, timeout: float) -> None:
+        self._node, self._take, self._clock, self._timeout = node, take, clock, timeout
+        self._unlatched: dict[str, tuple[Any, Any]] = {}
+        self._stamped('battery_state', BatteryState, _with_battery)
+        self._stamped('odom', Odometry, _with_odometry)
+        self._state('fault_mode', String, lambda s, m, now: s.with_fault(m.data, now))
+        self._state('threat_level', String, lambda s, m, now: s.with_threat(m.data, now))
+        self._state('goal_priorities', UInt8MultiArray, _with_priorities)
+        self._event('goal_completed', lambda s, m, now: s.with_completed(m.data))
+        self._event('goal_refused', lambda s, m, now: s.with_refused(m.data))
+        node.create_timer(GRAPH_PERIOD, self._hear_latched, clock=clock)
+
+    def _stamped(self, topic: str, kind: Any, change: Change) -> None:
+        def heard(message: Any) -> None:
+            def changed(situation: Situation) -> Situation:
+                age = self._age(topic, message.header)
+                return change(situation, message, seconds(self._clock) - age)
+
+            self._take(topic, changed)
+
+        self._subscribe(topic, kind, heard, qos.SENSOR)
+
+    def _state(self, topic: str, kind: Any, change: Change) -> None:
+        """Hear both who repeats and who latches; what comes both ways is taken once."""
+        once = TakenOnce()
+
+        def heard(message: Any, info: dict[str, int]) -> None:
+            if not once.again(info['source_timestamp']):
+                self._take(topic, partial(self._changed, change, message))
+
+        self._subscribe(topic, kind, heard, qos.STATE_IN)
+        self._unlatched[topic] = kind, heard
+
+    def _hear_latched(self) -> None:
+        """Hear what was latched before the start, too, where someone latches.
+
+        Not from the first: everyone who does not latch would be warned of it.
+        """
+        for topic, (kind, heard) in list(self._unlatched.items()):
+            senders = self._node.get_publishers_info_by_topic(topic)
+            if any(
+                sender.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+                for sender in senders
+            ):
+                del self._unlatched[topic]
+                self._node.create_subscription(
+                    kind, topic, heard, qos.LATCHED, event_callbacks=NO_EVENTS
+                )
+
+    def _event(self, topic: str, change: Change) -> None:
+        def heard(message: Any) -> None:
+            self._take(topic, partial(self._changed, change, message))
+
+        self._subscribe(topic, String, heard, qos.EVENT)
+
+    def _subscribe(self, topic: str, kind: Any, heard: Any, profile: QoSProfile) -> None:
+        self._node.create_subscription(
+            kind, topic, heard, profile, qos_overriding_options=qos.OVERRIDABLE
+        )
+
+    def _changed(self, change: Change, message: Any, situation: Situation) -> Situation:
+        return change(situation, message, seconds(self._clock))
+
+    def _age(self, topic: str, header: Header) -> float:
+        stamp = header.stamp.sec + header.stamp.nanosec * 1e-9
+        return stamp_age(topic, stamp, seconds(self._node.get_clock()), self._timeout)
+
+
+def _with_battery(situation: Situation, message: BatteryState, now: float) -> Situation:
+    name = ' '.join(filter(None, (message.location, message.serial_number)))
+    return situation.with_battery(
+        message.percentage,
+        now,
+        message.power_supply_health in HEALTHY,
+        voltage=message.voltage,
+        current=message.current,
+        capacity=message.capacity,
+        battery=_label('battery_state', name),
+    )
+
+
+def _with_odometry(situation: Situation, message: Odometry, now: float) -> Situation:
+    if message.header.frame_id not in ('', MAP_FRAME):
+        raise InputError(f'odom: frame_id {quoted(message.header.frame_id)} is not {MAP_FRAME!r}')
+    position = message.pose.pose.position
+    return situation.with_position(position.x, position.y, now)
+
+
+def _with_priorities(situation: Situation, message: UInt8MultiArray, now: float) -> Situation:
+    request = message.layout.dim[0].label if message.layout.dim else ''
+    return situation.with_priorities(message.data, _label('goal_priorities', request), now)
+
+
+def _label(topic: str, text: str) -> str:
+    if len(text) > LONGEST_LABEL:
+        raise InputError(f'{topic}: an id of {len(text):,} characters, more than {LONGEST_LABEL}')
+    return text
