@@ -1,4 +1,4 @@
-"""One vehicle: base station, manager and bridge, and a simulated autopilot if asked for.
+"""To try it: the nodes of one vehicle for the shipped mission, and a simulated autopilot.
 
 ros2 launch uav_mission_manager mission.launch.py system:=1 simulate:=true allow_arming:=true
 
@@ -8,11 +8,15 @@ Vehicles with MAVLink system ids of their own have namespaces and ports of their
 from __future__ import annotations
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
+from launch.actions import (
+    DeclareLaunchArgument,
+    ExecuteProcess,
+    IncludeLaunchDescription,
+    OpaqueFunction,
+)
 from launch.conditions import IfCondition
+from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import ExecutableInPackage
 
 from uav_mission_manager.mdp import load_mission
@@ -37,18 +41,13 @@ ARGUMENTS = {
         'pymavlink connection string of the bridge; empty is udpin:127.0.0.1: and the port '
         '14550 + 10 * (system - 1), as ArduPilot SITL counts its instances',
     ),
-    'params': (
+    'params_file': (
         f'{SHARE}/config/nodes.yaml',
         'file of node parameters; the arguments here override it',
     ),
     'allow_arming': ('false', 'true: the bridge may arm and take off'),
     'simulate': ('false', 'true: start a simulated autopilot at the mission origin'),
 }
-
-
-def argument(name: str, value_type: type = str) -> ParameterValue:
-    """Return the launch argument `name` as a node parameter."""
-    return ParameterValue(LaunchConfiguration(name), value_type=value_type)
 
 
 def system_id(context: LaunchContext) -> int:
@@ -66,31 +65,20 @@ def connection(context: LaunchContext) -> str:
     return given or f'udpin:127.0.0.1:{port}'
 
 
-def nodes(context: LaunchContext) -> list[Node]:
-    """Return this package's nodes of one vehicle, in its namespace."""
+def bringup(context: LaunchContext) -> list[IncludeLaunchDescription]:
+    """Return the nodes of one vehicle, in its namespace and on its port."""
     system = system_id(context)
-    namespace = LaunchConfiguration('namespace').perform(context) or f'uav{system}'
-
-    def node(executable: str, **parameters: object) -> Node:
-        return Node(
-            package=PACKAGE,
-            executable=executable,
-            namespace=namespace,
-            parameters=[LaunchConfiguration('params'), parameters],
-            output='screen',
-        )
-
-    return [
-        node('base_station', mission=argument('mission')),
-        node('manager', policy=argument('policy')),
-        node(
-            'mavlink_bridge',
-            mission=argument('mission'),
-            connection=ParameterValue(connection(context), value_type=str),
-            target_system=system,
-            allow_arming=argument('allow_arming', bool),
-        ),
-    ]
+    arguments = {
+        name: LaunchConfiguration(name).perform(context)
+        for name in ('mission', 'policy', 'params_file', 'allow_arming')
+    }
+    arguments |= {
+        'namespace': LaunchConfiguration('namespace').perform(context) or f'uav{system}',
+        'connection': connection(context),
+        'system': str(system),
+    }
+    source = PythonLaunchDescriptionSource(f'{SHARE}/launch/bringup.launch.py')
+    return [IncludeLaunchDescription(source, launch_arguments=arguments.items())]
 
 
 def one_mission(context: LaunchContext) -> None:
@@ -130,7 +118,7 @@ def generate_launch_description() -> LaunchDescription:
                 for name, (default, text) in ARGUMENTS.items()
             ),
             OpaqueFunction(function=one_mission),
-            OpaqueFunction(function=nodes),
+            OpaqueFunction(function=bringup),
             OpaqueFunction(
                 function=simulated_autopilot,
                 condition=IfCondition(LaunchConfiguration('simulate')),

@@ -19,7 +19,7 @@ SHARE = share_directory()
 ARGUMENTS = {
     'namespace': ('uav1', 'namespace of the vehicle'),
     'mission': (f'{SHARE}/config/case_study.yaml', 'mission file'),
-    'params': (
+    'params_file': (
         f'{SHARE}/config/nodes.yaml',
         'file of node parameters; the arguments here override it',
     ),
@@ -38,7 +38,7 @@ def node(executable: str, **parameters: ParameterValue) -> Node:
         package=PACKAGE,
         executable=executable,
         namespace=LaunchConfiguration('namespace'),
-        parameters=[LaunchConfiguration('params'), parameters],
+        parameters=[LaunchConfiguration('params_file'), parameters],
         output='screen',
     )
 

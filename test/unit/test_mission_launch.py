@@ -1,10 +1,11 @@
-"""The launch file's own logic, with stand-ins for the launch packages that pip has not got."""
+"""The launch files' own logic, with stand-ins for the launch packages that pip has not got."""
 
 from __future__ import annotations
 
 import runpy
 import shutil
 import sys
+from importlib import import_module
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
@@ -17,6 +18,7 @@ PACKAGES = (
     'launch',
     'launch.actions',
     'launch.conditions',
+    'launch.launch_description_sources',
     'launch.substitutions',
     'launch_ros',
     'launch_ros.actions',
@@ -26,16 +28,30 @@ PACKAGES = (
 
 
 @pytest.fixture
-def launch_file(monkeypatch):
+def stand_ins(monkeypatch):
     for name in PACKAGES:
         monkeypatch.setitem(sys.modules, name, MagicMock())
+    actions = sys.modules['launch.actions']
     sys.modules['launch_ros.actions'].Node = lambda **arguments: arguments
-    sys.modules['launch.actions'].ExecuteProcess = lambda **arguments: arguments
-    sys.modules['launch_ros.parameter_descriptions'].ParameterValue = lambda value, **_: value
+    actions.ExecuteProcess = lambda **arguments: arguments
+    actions.IncludeLaunchDescription = lambda source, launch_arguments: (source, launch_arguments)
+    sources = sys.modules['launch.launch_description_sources']
+    sources.PythonLaunchDescriptionSource = lambda path: path
+    parameters = sys.modules['launch_ros.parameter_descriptions']
+    parameters.ParameterValue = lambda value, value_type: value_type(value)
     sys.modules['launch.substitutions'].LaunchConfiguration = lambda name: SimpleNamespace(
         perform=lambda arguments: arguments[name]
     )
+
+
+@pytest.fixture
+def launch_file(stand_ins):
     return runpy.run_path(str(SHARE / 'launch' / 'mission.launch.py'))
+
+
+@pytest.fixture
+def bringup(stand_ins):
+    return runpy.run_path(str(SHARE / 'launch' / 'bringup.launch.py'))
 
 
 def defaults(launch_file) -> dict[str, str]:
@@ -65,9 +81,14 @@ def test_paths_may_have_a_home_and_variables(launch_file, monkeypatch):
 
 
 def launched(launch_file, **given: str) -> dict[str, dict]:
-    """Return what is started with the given arguments, by name."""
+    """Return what is started with the given arguments, by name, also by a file it includes."""
     arguments = {**defaults(launch_file), **given}
-    return {node['executable']: node for node in launch_file['nodes'](arguments)}
+    if 'nodes' in launch_file:
+        return {node['executable']: node for node in launch_file['nodes'](arguments)}
+    [(path, passed)] = launch_file['bringup'](arguments)
+    included = runpy.run_path(path)
+    assert dict(passed).keys() <= included['ARGUMENTS'].keys()
+    return launched(included, **dict(passed))
 
 
 def simulator(launch_file, **given: str) -> list[str]:
@@ -108,5 +129,67 @@ def test_the_nodes_and_the_simulator_are_part_of_the_launch(launch_file):
     launch_file['generate_launch_description']()
     calls = sys.modules['launch.actions'].OpaqueFunction.mock_calls
     functions = [call.kwargs['function'] for call in calls]
-    names = ('one_mission', 'nodes', 'simulated_autopilot')
+    names = ('one_mission', 'bringup', 'simulated_autopilot')
     assert functions == [launch_file[name] for name in names]
+
+
+def test_bringup_leaves_to_the_params_file_what_is_not_given(bringup):
+    nodes = launched(bringup)
+    assert list(nodes) == ['base_station', 'manager', 'mavlink_bridge']
+    for node in nodes.values():
+        assert node['parameters'] == [str(SHARE / 'config' / 'nodes.yaml'), {}]
+        assert node['namespace'] == ''
+        assert node['respawn']
+        assert node['respawn_delay'] > 0.0
+
+
+def test_bringup_gives_each_node_its_own_parameters_in_their_types(bringup):
+    given = {
+        'namespace': 'a/b',
+        'params_file': '/my.yaml',
+        'use_respawn': 'False',
+        'autostart': 'false',
+        'use_sim_time': 'true',
+        'mission': '/m.yaml',
+        'policy': '/p',
+        'connection': 'tcp:10.0.0.1:5760',
+        'system': '3',
+        'allow_arming': 'true',
+    }
+    nodes = launched(bringup, **given)
+    assert {node['namespace'] for node in nodes.values()} == {'a/b'}
+    assert {node['respawn'] for node in nodes.values()} == {False}
+    files, own = zip(*(node['parameters'] for node in nodes.values()))
+    assert set(files) == {'/my.yaml'}
+    assert dict(zip(nodes, own)) == {
+        'base_station': {'mission': '/m.yaml', 'use_sim_time': True},
+        'manager': {'policy': '/p', 'autostart': False, 'use_sim_time': True},
+        'mavlink_bridge': {
+            'mission': '/m.yaml',
+            'connection': 'tcp:10.0.0.1:5760',
+            'target_system': 3,
+            'allow_arming': True,
+            'autostart': False,
+            'use_sim_time': True,
+        },
+    }
+
+
+@pytest.mark.parametrize(
+    'given', [{'system': 'two'}, {'allow_arming': 'yes'}, {'use_respawn': '1'}]
+)
+def test_bringup_refuses_what_is_no_value(bringup, given):
+    with pytest.raises(RuntimeError, match=next(iter(given))):
+        launched(bringup, **given)
+
+
+def test_what_the_launch_files_give_to_nodes_are_parameters_of_theirs(bringup):
+    for executable, names in bringup['NODES'].items():
+        module = import_module(f'uav_mission_manager.nodes.{executable}')
+        known = {row.name for row in module.PARAMETERS} | {'use_sim_time'}
+        assert {bringup['PARAMETER_NAMES'].get(name, name) for name in names} <= known
+
+
+def test_every_launch_file_describes_itself(stand_ins):
+    for path in (SHARE / 'launch').glob('*.launch.py'):
+        runpy.run_path(str(path))['generate_launch_description']()

@@ -1,0 +1,111 @@
+"""The nodes of one vehicle: base station, manager and bridge, by a file of parameters.
+
+ros2 launch uav_mission_manager bringup.launch.py namespace:=uav1 params_file:=/path/to/my.yaml
+
+A node that ends is started again, and goes on as before: its state is in files.
+"""
+
+from __future__ import annotations
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+
+from uav_mission_manager.paths import share_directory
+
+PACKAGE = 'uav_mission_manager'
+RESPAWN_DELAY = 1.0
+"""Time [s] until a node that has ended is started again: a choice, well within the time for which
+the bridge holds before it returns."""
+
+ARGUMENTS = {
+    'namespace': ('', 'namespace of the vehicle'),
+    'params_file': (
+        f'{share_directory()}/config/nodes.yaml',
+        'file of node parameters; the arguments below, where they are not empty, override it',
+    ),
+    'use_respawn': ('true', 'true: a node that ends is started again'),
+    'autostart': ('', 'false: manager and bridge wait for `ros2 lifecycle set`'),
+    'use_sim_time': ('', 'true: the time of messages is that of /clock'),
+    'mission': ('', 'mission file of the base station and the bridge'),
+    'policy': ('', 'directory of the policy set built from it'),
+    'connection': ('', 'pymavlink connection string of the bridge'),
+    'system': ('', 'MAVLink system id of the vehicle'),
+    'allow_arming': ('', 'true: the bridge may arm and take off'),
+}
+BOOLEANS = {'true': True, 'false': False}
+NODES = {
+    'base_station': {'mission': str, 'use_sim_time': bool},
+    'manager': {'policy': str, 'autostart': bool, 'use_sim_time': bool},
+    'mavlink_bridge': {
+        'mission': str,
+        'connection': str,
+        'system': int,
+        'allow_arming': bool,
+        'autostart': bool,
+        'use_sim_time': bool,
+    },
+}
+"""Which of the arguments are parameters of which node, and their types."""
+
+PARAMETER_NAMES = {'system': 'target_system'}
+"""Parameters that have another name than the argument."""
+
+
+def given(context: LaunchContext, name: str, kind: type = str) -> str | int | bool | None:
+    """Return a launch argument as a value, None where it is empty."""
+    text = LaunchConfiguration(name).perform(context)
+    if not text:
+        return None
+    if kind is bool:
+        if text.lower() not in BOOLEANS:
+            raise RuntimeError(f'{name} {text!r} is neither true nor false')
+        return BOOLEANS[text.lower()]
+    if kind is int:
+        if not (text.isascii() and text.isdigit()):
+            raise RuntimeError(f'{name} {text!r} is not a number')
+        return int(text)
+    return str(text)
+
+
+def nodes(context: LaunchContext) -> list[Node]:
+    """Return this package's nodes of one vehicle, in its namespace."""
+
+    def parameters(executable: str) -> dict[str, ParameterValue]:
+        values = {
+            PARAMETER_NAMES.get(name, name): (given(context, name, kind), kind)
+            for name, kind in NODES[executable].items()
+        }
+        return {
+            name: ParameterValue(value, value_type=kind)
+            for name, (value, kind) in values.items()
+            if value is not None
+        }
+
+    return [
+        Node(
+            package=PACKAGE,
+            executable=executable,
+            namespace=given(context, 'namespace') or '',
+            parameters=[given(context, 'params_file'), parameters(executable)],
+            respawn=bool(given(context, 'use_respawn', bool)),
+            respawn_delay=RESPAWN_DELAY,
+            output='screen',
+        )
+        for executable in NODES
+    ]
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Describe the processes; every argument has a default."""
+    return LaunchDescription(
+        [
+            *(
+                DeclareLaunchArgument(name, default_value=default, description=text)
+                for name, (default, text) in ARGUMENTS.items()
+            ),
+            OpaqueFunction(function=nodes),
+        ]
+    )
