@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from strategies import CASE_STUDY, case_study, missions, pick_states
 
 from uav_mission_manager import build_policy, load_mission, load_policy
+from uav_mission_manager.cli import policy_query
 from uav_mission_manager.mdp import mission_from_dict
 from uav_mission_manager.paths import share_directory
 from uav_mission_manager.policy import METHODS, PolicyError
@@ -262,3 +263,77 @@ def test_loaded_policy_outlives_its_set(policy, tmp_path):
     build_policy(mission_from_dict(case_study(1, discount=0.5), 'test')).save(tmp_path / 'p')
     states = pick_states(policy.space, 500)
     np.testing.assert_array_equal(loaded.q_values(states), policy.q_values(states))
+
+
+HOSTILE = {
+    'long': 'x' * 100_000,
+    'terminal': '\x1b[2J\n\u202e',
+    'surrogate': '\ud800',
+    'huge': 10**12,
+    'huger': 10**400,
+    'negative': -7,
+    'fraction': 0.3,
+    'not a number': float('nan'),
+    'infinite': float('inf'),
+    'true': True,
+    'null': None,
+    'empty list': [],
+    'empty mapping': {},
+    'many': [0] * 10_000,
+    'nested': [[[[[[[[0]]]]]]]],
+    'pairs': [[0, 10**12]],
+    'mapping': {'x' * 100_000: '\ud800'},
+}
+
+
+def places(node, place=()):
+    """Every field of a manifest, of lists the first entry."""
+    for key, value in node.items() if isinstance(node, dict) else enumerate(node[:1]):
+        yield (*place, key)
+        if isinstance(value, (dict, list)):
+            yield from places(value, (*place, key))
+
+
+@pytest.fixture(scope='module', params=['exact', 'split', 'expansion'])
+def any_set(request, tmp_path_factory):
+    directory = tmp_path_factory.mktemp('sets') / 'p'
+    mission = mission_from_dict(case_study(1, 2), 'test')
+    build_policy(mission, request.param, order=1, certificate=True).save(directory)
+    return directory
+
+
+@pytest.mark.parametrize('name', HOSTILE)
+def test_hostile_fields_of_the_manifest(any_set, name, capsys):
+    """The set is refused in one short line, or what is said of it is not harmed."""
+    manifest = any_set / 'manifest.json'
+    good = manifest.read_text()
+
+    def change(data):
+        *above, last = place
+        for key in above:
+            data = data[key]
+        data[last] = HOSTILE[name]
+
+    try:
+        for place in places(json.loads(good)):
+            if place != ('digest',):
+                manifest.write_text(good)
+                forge(any_set, change)
+                try:
+                    assert policy_query.main([str(any_set), '--state=1,1,1,2,0,0,0,0,0']) == 0
+                except SystemExit as ended:
+                    line = str(ended.code)
+                    assert line.startswith(f'policy_query: {any_set}')
+                    assert line.isprintable()
+                    assert len(line) <= 500 + len(str(any_set))
+                out, errors = capsys.readouterr()
+                assert errors == ''
+                assert out.replace('\n', '').isprintable()
+                assert len(out) < 10_000
+    finally:
+        manifest.write_text(good)
+
+
+def test_manifest_nested_too_deeply(copy):
+    (copy / 'manifest.json').write_text('[' * 100_000)
+    assert refusal(copy).startswith(f'{copy}/manifest.json: not valid JSON: ')

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, NoReturn, TypeVar
 
 from uav_mission_manager.echo import quoted, shown
@@ -87,6 +87,17 @@ def number(value: Any) -> float:
     if not math.isfinite(number):
         raise Bad(f'{quoted(value)} is not finite')
     return number
+
+
+def numbers(data: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
+    """Return some fields as they are, each of them a finite number or a truth value."""
+    for key in names:
+        if not isinstance(data[key], bool):
+            try:
+                number(data[key])
+            except Bad as error:
+                raise Bad(f'{key}: {error}') from None
+    return {key: data[key] for key in names}
 
 
 def within(low: float, high: float) -> Callable[[Any], float]:

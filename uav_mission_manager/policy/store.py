@@ -19,9 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uav_mission_manager.echo import shown
+from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.mdp import Mission, MissionError, mission_from_dict
 from uav_mission_manager.mdp.arrays import AnyArray
+from uav_mission_manager.mdp.fields import numbers
 from uav_mission_manager.policy.certificate import Certificate
 from uav_mission_manager.policy.private_copy import CHUNK_BYTES, opened_file, private_copy
 from uav_mission_manager.policy.replacement import taking_the_place_of
@@ -217,21 +218,29 @@ def _write_array(file: Path, array: AnyArray) -> dict[str, str]:
 
 def _read_expansion(directory: Path, mission: Mission, part: dict[str, Any]) -> Expansion:
     groups = [
-        Group(group['detail'], tuple(map(tuple, group['clusters']))) for group in part['clusters']
+        Group(group['detail'], _goals(mission, group['clusters'])) for group in part['clusters']
     ]
     clusters = Clusters(tuple(groups))
     shape = mission.grid.q, 3, 8, clusters.features
     theta = _read_array(directory, part['theta'], shape, FLOAT_TYPES)
-    return Expansion(mission, clusters, theta, **{name: part[name] for name in EXPANSION_FIELDS})
+    return Expansion(mission, clusters, theta, **numbers(part, EXPANSION_FIELDS))
+
+
+def _goals(mission: Mission, clusters: list[list[int]]) -> tuple[tuple[int, ...], ...]:
+    """Return clusters of goals, counted from 0."""
+    if not all(type(j) is int and 0 <= j < mission.k for cluster in clusters for j in cluster):
+        raise ValueError(f'clusters: {quoted(clusters)} are not all of goals')
+    return tuple(map(tuple, clusters))
 
 
 def _read_certificate(directory: Path, mission: Mission, part: dict[str, Any]) -> Certificate:
-    clusters = np.array(part['clusters'])
+    clusters = np.array(_goals(mission, part['clusters']))
     shape = len(clusters), mission.grid.q, 3, 8, *(6,) * clusters.shape[1]
     tables = _read_array(directory, part['tables'], shape, FLOAT_TYPES)
     bound = LowerBound(mission, clusters, tables)
-    numbers = {name: part[name] for name in part if name not in ('clusters', 'tables')}
-    return Certificate(bound, **numbers)
+    rest = {name: part[name] for name in part if name not in ('clusters', 'tables')}
+    numbers(rest, [name for name in rest if rest[name] is not None or 'gap' not in name])
+    return Certificate(bound, **rest)
 
 
 def _sha256(file: Path) -> str:
@@ -249,7 +258,7 @@ def _read_manifest(place: Path) -> dict[str, Any]:
         manifest = json.loads(text)
     except OSError as error:
         raise PolicyError(f'{shown(place)}: cannot be read: {shown(error)}') from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise PolicyError(f'{shown(place)}: not valid JSON: {shown(error)}') from error
     if not isinstance(manifest, dict) or manifest.get('schema') != MANIFEST_SCHEMA:
         raise PolicyError(f'{shown(place)}: schema: is not {MANIFEST_SCHEMA}')
@@ -276,7 +285,7 @@ def _read_part(directory: Path, mission: Mission, part: dict[str, Any]) -> Solut
         for name, types in SOLUTION_ARRAYS.items()
         if name != 'actions' or name in part['arrays']
     }
-    return Solution(sub=sub, **arrays, **{name: part[name] for name in SOLUTION_FIELDS})
+    return Solution(sub=sub, **arrays, **numbers(part, SOLUTION_FIELDS))
 
 
 def _read_array(

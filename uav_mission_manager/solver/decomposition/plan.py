@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uav_mission_manager.echo import quoted
 from uav_mission_manager.mdp.arrays import BoolArray, IndexArray, IntArray
+from uav_mission_manager.mdp.fields import numbers, one_of
 from uav_mission_manager.mdp.mission import FAULT_MODES, Mission
 from uav_mission_manager.mdp.states import StateSpace
 
@@ -21,6 +23,17 @@ PHI_RULE = (
 
 MAX_NAMED_VALUES = 5
 """Most values of a variable that an error names: a choice."""
+
+PART_NUMBERS = (
+    'states',
+    'cost',
+    'reward_impact',
+    'spatial_coherence',
+    'fault_sensitivity',
+    'coupling',
+    'score',
+)
+"""Attributes of a part that are numbers."""
 
 
 @dataclass(frozen=True)
@@ -70,9 +83,12 @@ class Part:
     def from_dict(cls, mission: Mission, data: Mapping[str, Any]) -> Part:
         """Return the part that `to_dict` wrote; raises what `Plan.from_dict` does."""
         names = [goal.name for goal in mission.goals]
-        cells = tuple(cell for first, last in data['cells'] for cell in range(first, last + 1))
-        if not cells or min(cells) < 0 or max(cells) >= mission.grid.q:
-            raise ValueError(f'cells {data["cells"]} are not all cells of the grid')
+        runs = data['cells']
+        if not runs or not all(0 <= first <= last < mission.grid.q for first, last in runs):
+            raise ValueError(f'cells {quoted(runs)} are not all cells of the grid')
+        cells = tuple(cell for first, last in runs for cell in range(first, last + 1))
+        numbers(data, PART_NUMBERS)
+        one_of('goal', 'location', 'fault', 'mixed')(data['kind'])
         written = {
             'goals': tuple(names.index(name) for name in data['goals']),
             'cells': cells,
@@ -161,9 +177,9 @@ class Plan:
             If it is no such plan: a field is missing, is unknown or does not fit the mission.
         """
         if data['phi'] != PHI_RULE:
-            raise ValueError(f'phi: {data["phi"]!r} is not {PHI_RULE!r}')
+            raise ValueError(f'phi: {quoted(data["phi"])} is not {PHI_RULE!r}')
         parts = tuple(Part.from_dict(mission, part) for part in data['parts'])
-        return cls(mission, data['max_states'], parts)
+        return cls(mission, numbers(data, ['max_states'])['max_states'], parts)
 
 
 def first_part(mission: Mission, parts: Sequence[Part]) -> IntArray:
