@@ -146,14 +146,15 @@ class SimulatedChain(Chain):
     def _inform(self, manager: MissionManager, step: BridgeStep, refused: list[str]) -> None:
         """Tell the manager what the bridge publishes."""
         now = self._time
-        if battery := step.battery:
+        for number, battery in step.batteries.items():
             manager.take(
-                lambda s: s.with_battery(
+                lambda s, number=number, battery=battery: s.with_battery(
                     battery.charge,
                     now,
                     battery.healthy,
                     voltage=battery.voltage,
                     current=-battery.current,
+                    battery=f'id{number}',
                 )
             )
         if step.position:

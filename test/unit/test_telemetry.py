@@ -207,17 +207,27 @@ def battery_status(number, percent, state=mavlink.MAV_BATTERY_CHARGE_STATE_OK):
     )
 
 
-def test_the_worst_battery_counts():
-    def worst(*messages):
-        return decode(sys_status(80), *messages).worst_battery
+def test_every_battery_is_told_by_its_id():
+    def batteries(*messages, percent=80):
+        return decode(sys_status(percent), *messages).all_batteries
 
-    assert worst(battery_status(0, 80)).charge == 0.8
-    assert worst(battery_status(0, 80), battery_status(1, 4)).charge == 0.04
-    assert worst(battery_status(0, 80), battery_status(1, -1)).charge == 0.8
-    assert worst(battery_status(1, 90)).healthy
+    def charges(*messages, percent=80):
+        return {n: b.charge for n, b in batteries(*messages, percent=percent).items()}
+
+    assert charges(battery_status(0, 80)) == {0: 0.8}
+    assert charges(battery_status(0, 60)) == {0: 0.6}
+    assert charges(battery_status(0, 80), battery_status(1, 4)) == {0: 0.8, 1: 0.04}
+    assert charges(battery_status(1, -1)) == {0: 0.8}
+    assert charges(battery_status(1, 90), percent=-1) == {1: 0.9}
+    assert list(charges(percent=-1)) == [0]
+    assert batteries(battery_status(1, 90))[1].healthy
+    assert math.isnan(batteries(battery_status(1, 90))[1].voltage)
     low = mavlink.MAV_BATTERY_CHARGE_STATE_LOW
-    assert not worst(battery_status(0, 80), battery_status(1, 90, low)).healthy
-    assert decode(battery_status(0, 80)).worst_battery is None
+    assert not batteries(battery_status(1, 90, low))[1].healthy
+    assert not batteries(battery_status(1, -1, low))[1].healthy
+    assert not batteries(battery_status(0, 90, low))[0].healthy
+    assert batteries(battery_status(1, 90, low))[0].healthy
+    assert decode(battery_status(0, 80)).all_batteries == {}
     assert forget(decode(sys_status(80), battery_status(1, 4)), 12.1).batteries == {}
 
 

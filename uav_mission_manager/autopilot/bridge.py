@@ -19,6 +19,7 @@ from uav_mission_manager.autopilot.telemetry import (
     update,
 )
 from uav_mission_manager.autopilot.vehicle import REQUESTED_BY, commands
+from uav_mission_manager.echo import shown
 
 CAMERA_COMPONENT = 100
 """MAV_COMP_ID_CAMERA, the component whose heartbeat says that the camera works."""
@@ -54,8 +55,8 @@ class BridgeStep:
     Attributes
     ----------
     pilot : PilotOutput
-    battery : BatteryReading or None
-        If heard anew.
+    batteries : mapping of int to BatteryReading
+        By id, if heard anew.
     position : Position or None
         If heard anew, and to be flown by.
     fault : Fault or None
@@ -65,7 +66,7 @@ class BridgeStep:
     """
 
     pilot: PilotOutput
-    battery: BatteryReading | None
+    batteries: Mapping[int, BatteryReading]
     position: Position | None
     fault: Fault | None
     log: tuple[tuple[bool, str], ...]
@@ -96,13 +97,13 @@ class VehicleBridge:
         output = self._fly(now)
         self.link.repeat(now)
         self._tell(now)
-        battery, position = self.telemetry.worst_battery, self.telemetry.fix(now)
+        position = self.telemetry.fix(now)
         fault = self._judge(now)
         self.remember(self.memory)
         log, self._log = tuple(self._log), []
         return BridgeStep(
             output,
-            battery if self.telemetry.battery is not last.battery else None,
+            self.telemetry.all_batteries if self.telemetry.battery is not last.battery else {},
             position if position is not last.position else None,
             fault,
             log,
@@ -186,10 +187,10 @@ class VehicleBridge:
         for message in messages:
             self.telemetry = update(self.telemetry, message, now)
             if message.get_type() == 'STATUSTEXT':
-                warning = message.severity <= WARNING_SEVERITY
-                self._log.append((warning, f'autopilot: {message.text}'))
-                if message.text.startswith('PreArm: '):
-                    self._reasons[message.text] = now
+                text = shown(message.text)
+                self._log.append((message.severity <= WARNING_SEVERITY, f'autopilot: {text}'))
+                if text.startswith('PreArm: '):
+                    self._reasons[text] = now
         self.telemetry = forget(self.telemetry, now)
         said = sorted(self._reasons.items(), key=lambda item: -item[1])[:MAX_REASONS]
         self._reasons = {text: at for text, at in said if now - at <= PREARM_TIME}
@@ -235,13 +236,10 @@ class VehicleBridge:
 
 def _battery_warning(telemetry: Telemetry) -> str:
     """Say so where a battery is not what its charge says, '' where all is well."""
-    worst = telemetry.worst_battery
-    if worst is None or telemetry.battery is None:
-        return ''
-    if not worst.healthy:
+    batteries = telemetry.all_batteries.values()
+    if not all(battery.healthy for battery in batteries):
         return 'the autopilot calls a battery unhealthy: it counts as empty'
-    charges = [b.charge for b in (telemetry.battery, *telemetry.batteries.values())]
-    known = [charge for charge in charges if not math.isnan(charge)]
+    known = [battery.charge for battery in batteries if not math.isnan(battery.charge)]
     if known and max(known) - min(known) > BATTERY_DISAGREEMENT:
         return f'batteries at {min(known):.0%} and {max(known):.0%}: the least counts'
     return ''

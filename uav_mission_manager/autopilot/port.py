@@ -20,6 +20,7 @@ from pymavlink import mavutil
 
 from uav_mission_manager.autopilot.threaded_port import PORT_ERRORS, PORT_READ_BYTES, ThreadedPort
 from uav_mission_manager.autopilot.wire import SerialWire, TcpWire
+from uav_mission_manager.echo import quoted
 
 MAX_PORT_READS = 200
 """Reads from a port at a time, at most, so that this ends however much arrives. A choice: at 20
@@ -76,7 +77,7 @@ def open_port(connection: str) -> Any:
         if isinstance(error, OSError):
             taken = f'another program listens on {connection.partition(":")[2]}'
             why = taken if error.errno == errno.EADDRINUSE else error.strerror or error
-        raise ValueError(f'MAVLink connection {connection!r}: {why}') from error
+        raise ValueError(f'MAVLink connection {quoted(connection)}: {why}') from error
 
 
 def _open(connection: str) -> Any:
@@ -133,7 +134,7 @@ def _serial_port(connection: str) -> ThreadedPort:
     if ',' in connection and not os.path.exists(connection):
         device, _, baud = connection.rpartition(',')
     if not (baud.isascii() and baud.isdigit() and int(baud[:9]) > 0):
-        raise ValueError(f'{baud!r} is not a baud rate')
+        raise ValueError(f'{quoted(baud)} is not a baud rate')
     if not device.startswith('/dev/') and not os.path.exists(device):
         raise ValueError('no such device')
     if os.path.exists(device) and not stat.S_ISCHR(os.stat(device).st_mode):

@@ -188,16 +188,22 @@ class Telemetry:
         return self.landed
 
     @property
-    def worst_battery(self) -> BatteryReading | None:
-        """The battery reading to go by: the least charge of all, unhealthy if any one is."""
+    def all_batteries(self) -> Mapping[int, BatteryReading]:
+        """The batteries by id; one that says nothing of its charge is left out beside others.
+
+        SYS_STATUS is about the first one, and says what its charge and health cannot be better
+        than.
+        """
         if self.battery is None:
-            return None
-        known = (self.battery, *self.batteries.values())
-        return replace(
-            self.battery,
-            charge=min((b.charge for b in known if not math.isnan(b.charge)), default=math.nan),
-            healthy=all(b.healthy for b in known),
-        )
+            return {}
+        first = self.batteries.get(0, self.battery)
+        charges = [b.charge for b in (first, self.battery) if not math.isnan(b.charge)]
+        charge = min(charges, default=math.nan)
+        healthy = first.healthy and self.battery.healthy
+        first = replace(self.battery, charge=charge, healthy=healthy)
+        every = {**self.batteries, 0: first}
+        said = {n: b for n, b in every.items() if not (math.isnan(b.charge) and b.healthy)}
+        return said or {0: first}
 
 
 def update(telemetry: Telemetry, message: Any, now: float) -> Telemetry:
@@ -264,7 +270,14 @@ def _global_position(message: Any, now: float, last: Telemetry) -> dict[str, Any
 
 def _battery_status(message: Any, now: float, last: Telemetry) -> dict[str, Any]:
     healthy = message.charge_state in _GOOD_CHARGE_STATES
-    reading = BatteryReading(_charge(message.battery_remaining), math.nan, math.nan, healthy)
+    current = message.current_battery
+    # Without voltage: that of the mission's battery is nothing to measure another one by.
+    reading = BatteryReading(
+        _charge(message.battery_remaining),
+        math.nan,
+        current / 100.0 if current >= 0 else math.nan,
+        healthy,
+    )
     return {'batteries': {**last.batteries, message.id: reading}}
 
 

@@ -13,9 +13,13 @@ from uav_mission_manager.mdp import Origin
 from uav_mission_manager.nodes.frames import BODY_FRAME, MAP_FRAME
 
 
-def battery_state(battery: BatteryReading, stamp: Time) -> BatteryState:
-    """Return the ROS message; its current is negative while discharging."""
+def battery_state(number: int, battery: BatteryReading, stamp: Time) -> BatteryState:
+    """Return the ROS message; its current is negative while discharging.
+
+    Its location is the battery's id on the vehicle, as mavros has it.
+    """
     message = BatteryState(
+        location=f'id{number}',
         voltage=battery.voltage,
         current=-battery.current,
         percentage=battery.charge,

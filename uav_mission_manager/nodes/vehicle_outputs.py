@@ -63,8 +63,8 @@ class VehicleOutputs:
         """Publish what a step brought."""
         self._report_goals(step.pilot)
         stamp = self._node.get_clock().now().to_msg()
-        if step.battery:
-            self._battery_state.publish(battery_state(step.battery, stamp))
+        for number, battery in step.batteries.items():
+            self._battery_state.publish(battery_state(number, battery, stamp))
         if step.position:
             has_fix = (fix_type or 0) >= FIX_3D
             self._odom.publish(odometry(step.position, self._origin, stamp))
