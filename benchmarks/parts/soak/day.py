@@ -8,16 +8,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from parts.soak.chain import BridgeProcess, ManagerProcess, StationProcess
 from parts.soak.invariants import Invariants
-from parts.soak.processes import (
-    BridgeProcess,
-    Bus,
-    ManagerProcess,
-    Process,
-    StationProcess,
-)
+from parts.soak.processes import Bus, Process
 from parts.soak.vehicle import Vehicle
-
+from parts.soak.wires import Wire
 from uav_mission_manager.autopilot.bridge import WARNING_PHASES
 from uav_mission_manager.policy import Policy
 
@@ -176,7 +171,10 @@ class Day:
         """See `Watch`."""
         self.note('bridge', f'{goal} completed')
         self.counts['goals completed'] += 1
-        self.invariants.completed(goal)
+        reads = self.manager, self.station
+        heard = any(process.up for process in reads)
+        self.counts['completions that nobody heard'] += not heard
+        self.invariants.completed(goal, heard)
 
     def refused(self, goal: str) -> None:
         """See `Watch`."""
@@ -198,6 +196,11 @@ class Day:
         return '; '.join((f'{output.phase.value}: {output.status}', *warnings))
 
     @property
+    def wires(self) -> tuple[Wire, Wire]:
+        """The wires between bridge and vehicle."""
+        return self.vehicle.up, self.vehicle.down
+
+    @property
     def all_work(self) -> bool:
         """Whether all processes do their work."""
         return all(process.works for process in self.processes)
@@ -205,8 +208,7 @@ class Day:
     @property
     def told(self) -> bool:
         """Whether the manager hears from the vehicle."""
-        wires = self.vehicle.up, self.vehicle.down
-        return not (any(wire.cut for wire in wires) or self.manager.problem)
+        return not (any(wire.cut for wire in self.wires) or self.manager.problem)
 
     @property
     def troubled(self) -> bool:

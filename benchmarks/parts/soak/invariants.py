@@ -10,12 +10,12 @@ import math
 from collections import Counter, deque
 from typing import TYPE_CHECKING, Any
 
-from parts.soak.processes import SETTINGS
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from parts.soak.chain import SETTINGS
+from parts.soak.wishes import GRACE, Wishes
 from uav_mission_manager.autopilot.exchange import short_name
 from uav_mission_manager.autopilot.simulator.modes import SimulatedMode
-from uav_mission_manager.mdp import Mission
 
 if TYPE_CHECKING:
     from parts.soak.day import Day
@@ -44,10 +44,6 @@ SLACK = 0.2
 STALL = 1.0
 """Time [s] for which a bridge may stand still without forgetting what it has heard."""
 
-GRACE = 12.0
-"""Time [s] of work of all processes after which what a person asked for is known: twice the time
-in which requests settle, and lost messages repeated."""
-
 HOMEWARD_TIME = 240.0
 """Time [s] after which a vehicle without a wanted goal, and with nothing wrong, is on the ground:
 a choice, four times as long as the longest way home and down."""
@@ -66,6 +62,9 @@ BLOWN_SPEED = 9.0
 """Wind [m/s] from which a vehicle may be blown off: at twice its gusts it leaves no more than the
 5 m/s it flies with."""
 
+BLOWN_TIME = 30.0
+"""Time [s] after such a wind in which the vehicle may still be carried: a choice."""
+
 GRID_MARGIN = 20.0
 """How far [m] off the grid a vehicle in no wind may be: a choice, to turn around."""
 
@@ -78,48 +77,6 @@ AT_HEIGHT = 4.0
 
 class Violated(Exception):
     """What must hold did not."""
-
-
-class Wishes:
-    """What people want, by goal: asked for, done, or asked for again just when it was done."""
-
-    def __init__(self, mission: Mission) -> None:
-        self.names = [goal.name for goal in mission.goals]
-        self.wanted = dict.fromkeys(self.names, False)
-        self.doubtful = dict.fromkeys(self.names, False)
-        self.unwanted_for = dict.fromkeys(self.names, math.inf)
-        self.asked_for = 0.0
-        self.done: dict[str, float] = {}
-
-    def ask(self, priorities: tuple[int, ...]) -> None:
-        """Someone has set the parameter."""
-        for name, value in zip(self.names, priorities, strict=True):
-            self.wanted[name] = value > 0
-            if value:
-                self.done.pop(name, None)
-            self.doubtful[name] = False
-        self.asked_for = 0.0
-
-    def complete(self, name: str, now: float) -> None:
-        """It was done, and said so."""
-        self.doubtful[name] = self.wanted[name] and self.asked_for < GRACE
-        self.wanted[name] = False
-        self.done.setdefault(name, now)
-
-    def pass_time(self, dt: float, *, all_work: bool) -> None:
-        """Count the time in which all could hear of it."""
-        if all_work:
-            self.asked_for += dt
-        for name in self.names:
-            if self.wanted[name] or self.doubtful[name]:
-                self.unwanted_for[name] = 0.0
-            elif all_work:
-                self.unwanted_for[name] += dt
-
-    @property
-    def none_for(self) -> float:
-        """For how long [s] no goal has been wanted."""
-        return min(self.unwanted_for.values())
 
 
 class Invariants:
@@ -279,8 +236,8 @@ class Invariants:
         self._changes.clear()
         self._short_since = None
 
-    def completed(self, goal: str) -> None:
-        """Check a completion: was it there?"""
+    def completed(self, goal: str, heard: bool) -> None:
+        """Check a completion: was it there? `heard`, whether there was anyone to hear of it."""
         self.checked['completions'] += 1
         if not self._at(goal):
             distance = self.day.vehicle.distance(self.day.mission.grid, self._goals[goal])
@@ -290,7 +247,8 @@ class Invariants:
             done = self.wishes.done[goal]
             self.fail('nothing is done twice', f'{goal}, done before at {done:.1f} s')
         self._away[goal] = False
-        self.wishes.complete(goal, self.day.now)
+        if heard:
+            self.wishes.complete(goal, self.day.now)
 
     # At every step
 
@@ -319,14 +277,14 @@ class Invariants:
             self._away[goal] = self._away.get(goal, False) or (far and day.vehicle.airborne)
         if wind > BLOWN_SPEED:
             self._blown_at = day.now
-        if not day.vehicle.airborne:
-            self._off_grid = False
-            return
-        self.checked['steps in the air'] += 1
         east, north = day.vehicle.place
         outside = _off(day.mission.grid, east, north) > GRID_MARGIN
+        if not day.vehicle.airborne:  # It may take off from where it was blown.
+            self._off_grid = self._was_blown = outside
+            return
+        self.checked['steps in the air'] += 1
         if outside and not self._off_grid:
-            self._was_blown = day.now - self._blown_at < 30.0
+            self._was_blown = day.now - self._blown_at < BLOWN_TIME
         self._off_grid = outside
         if outside and not self._was_blown:
             self.fail('on the grid', f'at {east:.0f} m east, {north:.0f} m north')

@@ -7,9 +7,9 @@ import random
 from dataclasses import astuple
 from typing import Any
 
-from parts.soak.wires import Wire
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from parts.soak.wires import Wire
 from uav_mission_manager.autopilot.simulator.flight import SimulatedFlight
 from uav_mission_manager.autopilot.simulator.link import SimulatedLink
 from uav_mission_manager.autopilot.simulator.modes import SimulatedMode
@@ -88,9 +88,7 @@ class Vehicle:
         self.down, self.up = Wire(rng), Wire(rng)
         self._now = 0.0
         self._bridge, self._crew = _NoisyLink(self, rng), SimulatedLink(_Nowhere())
-        self._autopilot = SimulatedAutopilot(
-            self.flight, [self._bridge, self._crew], camera=True
-        )
+        self._autopilot = SimulatedAutopilot(self.flight, [self._bridge, self._crew], camera=True)
         self._encoder = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         self.foreign: SimulatedMode | None = None
         self._mode = self.flight.mode

@@ -8,9 +8,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
-
 HEADER = 10
-"""Bytes of a MAVLink 2 header, which noise spares: a wrong length would swallow the next frames."""
+"""Bytes of a MAVLink 2 header, which noise spares: a wrong length swallows the next frames."""
 
 
 @dataclass(frozen=True)

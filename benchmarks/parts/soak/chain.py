@@ -1,0 +1,287 @@
+"""The three processes: the cores that the nodes are made of.
+
+What the nodes add to their cores is here as thin as there: topics, stamps, what is repeated.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from parts.soak.processes import Process
+from parts.soak.vehicle import Vehicle
+from uav_mission_manager.autopilot.bridge import BridgeStep, VehicleBridge
+from uav_mission_manager.autopilot.faults import FaultEstimator
+from uav_mission_manager.autopilot.link import AutopilotLink
+from uav_mission_manager.autopilot.pilot import Pilot
+from uav_mission_manager.autopilot.task import Settings
+from uav_mission_manager.mdp import FAULT_MODES
+from uav_mission_manager.nodes.flight_plan import FlightPlan
+from uav_mission_manager.onboard import (
+    InputError,
+    ManagerSettings,
+    MissionManager,
+    Refusal,
+    format_command,
+    parse_command,
+)
+from uav_mission_manager.onboard.priority_request import PriorityRequest
+from uav_mission_manager.onboard.stamps import stamp_age
+from uav_mission_manager.policy import Policy
+
+SETTINGS = Settings(
+    goal_dwell=1.0,
+    service_time=3.0,
+    manager_timeout=3.0,
+    rtl_delay=10.0,
+    reach=450.0,
+    allow_arming=True,
+)
+"""Of the bridge: shorter times than the nodes' defaults, that more happens in an hour."""
+
+MANAGER_SETTINGS = ManagerSettings()
+"""Of the manager: the nodes' defaults."""
+
+REPEAT_PERIOD, FAULT_REPEAT_PERIOD, DECISION_PERIOD = 1.0, 0.5, 0.25
+"""Time [s] between two messages that say the same: the nodes'; and between two decisions where
+nothing but position and charge is new, which the nodes take with each message: less work."""
+
+SOCKET_BUFFER = 400
+"""Datagrams that wait for a process that stands still, at most: a choice, near Linux' default."""
+
+
+class _Port:
+    """The bridge's end of the wire."""
+
+    def __init__(self, bridge: BridgeProcess) -> None:
+        self._bridge = bridge
+        self.waiting: deque[tuple[Any, bytes]] = deque()
+        self._parser = mavlink.MAVLink(None)
+
+    def recv(self, size: int) -> bytes:
+        if not self.waiting:
+            return b''
+        message, data = self.waiting.popleft()
+        if message is not None:
+            self._bridge.watch.heard(message)
+        return data
+
+    def write(self, data: bytes) -> None:
+        self._bridge.die('sending')
+        for message in self._parser.parse_buffer(data) or []:
+            self._bridge.watch.sent(message)
+        self._bridge.vehicle.up.send(None, data, self._bridge.now)
+
+    def close(self) -> None:
+        pass
+
+
+class BridgeProcess(Process):
+    """The MAVLink bridge."""
+
+    name = 'bridge'
+    reads = 'command', 'goals'
+    writes = ()
+
+    def __init__(self, vehicle: Vehicle, *process: Any) -> None:
+        super().__init__(*process)
+        self.vehicle = vehicle
+        self._plan = FlightPlan(self.mission, SETTINGS.flight_altitude)
+
+    def begin(self) -> None:
+        """Open a link, and go on from the journal."""
+        self.port = _Port(self)
+        link = AutopilotLink(self.port, source_system=245)
+        self.core = VehicleBridge(link, Pilot(SETTINGS, self._plan.ground), FaultEstimator())
+        if memory := self.recall():
+            self.core.restore(memory)
+        self.core.remember = self.remember
+        self._goals_at = self._fault_at = -math.inf
+        self._fault: Any = None
+
+    def step(self, now: float) -> None:
+        """Take in what has arrived, even while it stands still, and go on."""
+        for datagram in self.vehicle.down.arrived(now):
+            if self.up and len(self.port.waiting) < SOCKET_BUFFER:
+                self.port.waiting.append(datagram)
+        super().step(now)
+
+    def hold(self) -> tuple[bool, str]:
+        """Call ~/hold."""
+        return self.core.hold(self.clock)
+
+    def resume(self) -> tuple[bool, str]:
+        """Call ~/resume."""
+        return self.core.resume(self.clock)
+
+    def work(self) -> None:
+        """Hear, decide, ask, tell."""
+        if not self.works:
+            self.core.link.poll(self.clock)  # and drop it: it will be out of date
+            return
+        self._obey()
+        step = self.core.step(self.clock)
+        for warning, text in step.log:
+            if warning:
+                self.watch.note('bridge', text)
+        self._publish(step)
+
+    def _obey(self) -> None:
+        for values in self.bus.goals.take(self.now):
+            self.core.pilot.goals_wanted, self._goals_at = any(values), self.clock
+        if self.clock - self._goals_at > SETTINGS.manager_timeout:
+            self.core.pilot.goals_wanted = None
+        for stamp, text in self.bus.command.take(self.now):
+            try:
+                stamp_age('mission_command', stamp, self.wall, SETTINGS.manager_timeout)
+            except InputError:
+                self.watch.counts['refused: mission_command'] += 1
+                continue
+            task = self._plan.task(parse_command(self.mission, text), text)
+            self.core.pilot.command(task, self.clock)
+
+    def _publish(self, step: BridgeStep) -> None:
+        bus, now = self.bus, self.now
+        if step.pilot.completed:
+            self.watch.completed(step.pilot.completed)
+            bus.completed.publish(step.pilot.completed, now)
+            bus.to_station.publish(step.pilot.completed, now)
+        if step.pilot.refused:
+            goals = [goal.name for goal in self.mission.goals]
+            for goal in goals if step.pilot.losing_ground else [step.pilot.refused]:
+                self.watch.refused(goal)
+                bus.refused.publish(goal, now)
+        for number, battery in step.batteries.items():
+            bus.battery.publish((self.wall, f'id{number}', battery), now)
+        if step.position:
+            position = step.position
+            place = self._plan.origin.to_local(position.latitude, position.longitude)
+            bus.odom.publish((self.wall, *place), now)
+        if step.fault is not None and (
+            step.fault != self._fault or self.clock - self._fault_at >= FAULT_REPEAT_PERIOD
+        ):
+            self._fault, self._fault_at = step.fault, self.clock
+            bus.fault.publish(FAULT_MODES[step.fault], now)
+
+
+class ManagerProcess(Process):
+    """The mission manager."""
+
+    name = 'manager'
+    reads = 'battery', 'odom', 'fault', 'threat', 'priorities', 'completed', 'refused', 'policy'
+    writes = 'command', 'goals'
+
+    def __init__(self, policies: Sequence[Policy], *process: Any) -> None:
+        super().__init__(*process)
+        self._policies = policies
+
+    def begin(self) -> None:
+        """Go on from the journal, with the policy that was in use."""
+        memory = self.recall() or {'policy': 0, 'core': None}
+        self._policy = memory['policy']
+        self.core = MissionManager(self._policies[self._policy], MANAGER_SETTINGS, memory['core'])
+        self._decide_at = self._repeat_at = -math.inf
+        self._command, self._goals = '', ()
+        self.problem = ''
+
+    def work(self) -> None:
+        """Hear, decide, command."""
+        news = self._hear()
+        if not self.works or not (news or self.clock >= self._decide_at):
+            return
+        self._decide_at = self.clock + DECISION_PERIOD
+        outcome = self.core.step(self.clock)
+        self.remember({'policy': self._policy, 'core': self.core.memory})
+        repeat = self.clock >= self._repeat_at
+        if repeat:
+            self._repeat_at = self.clock + REPEAT_PERIOD
+        goals = self.core.situation.priorities
+        if repeat or goals != self._goals:
+            self._goals = goals
+            self.bus.goals.publish(goals, self.now)
+        self.die('sending')
+        self._command_as(outcome, repeat)
+
+    def _command_as(self, outcome: Any, repeat: bool) -> None:
+        refused = outcome.reason if isinstance(outcome, Refusal) else ''
+        if refused and refused.partition(':')[0] != self.problem.partition(':')[0]:
+            self.watch.note('manager', refused)
+        self.problem = refused
+        if refused:
+            self._command = ''
+            return
+        command = format_command(self.mission, outcome.action)
+        if command != self._command or repeat:
+            if command != self._command:
+                self.watch.note('manager', f'{command}: {outcome.reason}')
+            self._command = command
+            self.watch.commanded(command)
+            self.bus.command.publish((self.wall, command), self.now)
+
+    def _hear(self) -> bool:
+        """Take what has arrived; return whether anything but charge and position has."""
+        bus, now, clock = self.bus, self.now, self.clock
+        for stamp, name, b in bus.battery.take(now):
+            more = {'voltage': b.voltage, 'current': -b.current, 'battery': name}
+            self._take(
+                lambda s, b=b, more=more: s.with_battery(b.charge, clock, b.healthy, **more),
+                'battery_state',
+                stamp,
+            )
+        for stamp, east, north in bus.odom.take(now):
+            self._take(lambda s, e=east, n=north: s.with_position(e, n, clock), 'odom', stamp)
+        news = [
+            *((lambda s, m=m: s.with_fault(m, clock)) for m in bus.fault.take(now)),
+            *((lambda s, m=m: s.with_threat(m, clock)) for m in bus.threat.take(now)),
+            *((lambda s, m=m: s.with_priorities(*m, clock)) for m in bus.priorities.take(now)),
+            *((lambda s, m=m: s.with_completed(m)) for m in bus.completed.take(now)),
+            *((lambda s, m=m: s.with_refused(m)) for m in bus.refused.take(now)),
+        ]
+        for change in news:
+            self._take(change)
+        for number in bus.policy.take(now):
+            self.core.adopt(self._policies[number])
+            self._policy = number
+        return bool(news)
+
+    def _take(self, change: Any, topic: str = '', stamp: float | None = None) -> None:
+        try:
+            stamp_age(topic, stamp, self.wall, MANAGER_SETTINGS.input_timeout)
+            for warning in self.core.take(change):
+                self.watch.note('manager', warning)
+        except InputError as error:
+            self.watch.counts[f'refused: {topic}'] += 1
+            self.watch.note('manager', str(error))
+
+
+class StationProcess(Process):
+    """The base station."""
+
+    name = 'station'
+    reads = ('to_station',)
+
+    def begin(self) -> None:
+        """Go on with the request of the journal."""
+        goals = [goal.name for goal in self.mission.goals]
+        self.core = PriorityRequest(goals, self.recall())
+        self._repeat_at = -math.inf
+
+    def ask(self, priorities: Sequence[int]) -> None:
+        """Set the parameter `priorities`."""
+        self.core.ask(priorities, f'{self.rng.randrange(1 << 32):08x}')
+        self.journal.write(self.core.memory)
+        self._repeat_at = -math.inf
+
+    def work(self) -> None:
+        """Hear of goals that are completed; repeat the request."""
+        for goal in self.bus.to_station.take(self.now):
+            self.core.complete(goal)
+        self.remember(self.core.memory)
+        self.die('sending')
+        if self.core.request and self.works and self.clock >= self._repeat_at:
+            self._repeat_at = self.clock + REPEAT_PERIOD
+            self.bus.priorities.publish((self.core.priorities, self.core.request), self.now)
