@@ -208,6 +208,9 @@ class Dummy(Crew):
                 except ConnectionRefusedError:  # The bridge is not there yet.
                     return
 
+    def say(self, message: Any) -> None:
+        self._socket.send(message.pack(self._mav))
+
     def heard(self) -> set[int]:
         """Commands that have arrived, by number, but requests for streams."""
         messages: list[Any] = []

@@ -170,6 +170,24 @@ def test_a_command_with_its_pose_is_taken_at_once(dummy, ros):
         flight.until(lambda command=command: flight.value('command') == command, command)
 
 
+def test_a_flood_of_texts_and_commands_is_a_few_short_lines(dummy, ros):
+    flight = dummy()
+    flight.until(lambda: flight.odom, 'telemetry')
+    for number in range(300):
+        flight.say(mavlink.MAVLink_statustext_message(4, f'\x1b[31mflood {number}'.encode()))
+        flight.command = f'commit goal{number} {"x" * 100_000}'
+        flight._repeat()
+        ros.spin(0.01)
+    flight.command = 'commit goal1 normal'
+    flight.until(lambda: flight.value('command') == flight.command, 'the command')
+    lines = flight.bridge.output.splitlines()
+    assert 5 < len(flight.bridge.lines('flood')) < 30
+    assert 0 < len([line for line in lines if 'xxx' in line]) < 10
+    assert max(map(len, lines)) < 700
+    assert '\x1b[31m' not in flight.bridge.output
+    assert max(len(value.value) for m in flight.diagnostics for value in m.status[0].values) < 700
+
+
 def test_far_from_the_mission_it_does_not_arm(dummy, ros):
     flight = dummy()
     flight.latitude += 0.03

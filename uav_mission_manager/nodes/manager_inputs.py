@@ -10,7 +10,7 @@ from rclpy.node import Node
 from std_msgs.msg import String, UInt8MultiArray
 
 from uav_mission_manager.autopilot.pilot import Pilot
-from uav_mission_manager.echo import quoted
+from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.mdp import Mission
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.clocks import safety_clock, seconds
@@ -19,6 +19,9 @@ from uav_mission_manager.nodes.flight_plan import FlightPlan
 from uav_mission_manager.nodes.frames import MAP_FRAME
 from uav_mission_manager.onboard import InputError, parse_command
 from uav_mission_manager.onboard.stamps import stamp_age
+
+LONGEST_COMPLAINT = 400
+"""Characters of a complaint: a choice, what is echoed and a few lines about it."""
 
 
 class ManagerInputs:
@@ -132,7 +135,7 @@ class ManagerInputs:
 
     def _complain(self, topic: str, text: str) -> str:
         self._complained_at[topic] = self._now()
-        self._complaints.add(topic, text)
+        self._complaints.add(topic, shown(text, LONGEST_COMPLAINT))
         return text
 
 

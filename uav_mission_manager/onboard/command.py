@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.mdp import Action, Mission, action_name, global_actions
 
 format_command = action_name
@@ -20,5 +21,5 @@ def parse_command(mission: Mission, text: str) -> Action:
     action = commands.get(' '.join(text.split()))
     if action is None:
         known = ', '.join(commands)
-        raise ValueError(f'mission_command: {text!r} is not one of: {known}')
+        raise ValueError(f'mission_command: {quoted(text)} is not one of: {shown(known)}')
     return action
