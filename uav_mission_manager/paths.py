@@ -6,6 +6,8 @@ import os
 import re
 from pathlib import Path
 
+from uav_mission_manager.echo import shown
+
 
 def share_directory() -> Path:
     """Return the folder that holds `config`, `policies` and `launch`.
@@ -36,8 +38,10 @@ def expanded(text: str) -> Path:
     """
     path = os.path.expandvars(text)
     if unset := re.search(r'\$(\w+|{\w+})', path):
-        raise ValueError(f'{text}: the environment variable {unset[0]} is not set')
+        raise ValueError(f'{shown(text)}: the environment variable {shown(unset[0])} is not set')
     path = os.path.expanduser(path)
     if path.startswith('~'):
-        raise ValueError(f'{text}: no home directory is known for {path.partition("/")[0]}')
+        raise ValueError(
+            f'{shown(text)}: no home directory is known for {shown(path.partition("/")[0])}'
+        )
     return Path(path)

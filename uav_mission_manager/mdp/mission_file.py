@@ -58,7 +58,7 @@ def load_mission(path: str | Path) -> Mission:
     try:
         data = read_yaml(text)
     except (yaml.YAMLError, RecursionError) as error:
-        problem = shown(' '.join(str(error).split()))
+        problem = shown(' '.join(str(error).replace('"<unicode string>", ', '').split()))
         raise MissionError(f'{shown(path)}: not valid YAML: {problem}') from error
     return mission_from_dict(data, str(path))
 
