@@ -40,7 +40,7 @@ def remembered(situation: Situation, memory: Mapping[str, Any]) -> Situation:
 
     Raises
     ------
-    KeyError, TypeError, ValueError
+    LookupError, TypeError, ValueError, AttributeError
         If it cannot be the memory of such a situation.
     """
     pending, changed_at = memory['pending'], memory['changed_at']

@@ -79,7 +79,7 @@ class MissionManager:
             try:
                 self.situation = remembered(self.situation, memory['situation'])
                 self._standing = _remembered_command(policy.mission, memory['command'])
-            except (KeyError, TypeError, ValueError, IndexError) as error:
+            except (LookupError, TypeError, ValueError, AttributeError) as error:
                 raise ValueError(f'memory: {error!r}') from error
 
     def take(self, change: Callable[[Situation], Situation]) -> tuple[str, ...]:
