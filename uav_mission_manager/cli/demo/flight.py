@@ -62,7 +62,7 @@ class DemoFlight(Node):
         self._injections: dict[str, float] = {}
         self._next_injection = 0.0
         self._priorities: list[int] | None = None
-        self._threat_out = self.create_publisher(String, 'threat_level', qos.STATE_IN)
+        self._threat_out = self.create_publisher(String, 'threat_level', qos.LATCHED)
         self._station = self.create_client(SetParameters, 'base_station/set_parameters')
         self._listen()
         self.create_timer(0.2, self._publish_threat)
@@ -99,7 +99,7 @@ class DemoFlight(Node):
         wanted = [priorities.get(goal.name, 0) for goal in self.mission.goals]
         self._priorities = wanted
         text = ', '.join(f'{name} {("0", "low", "high")[g]}' for name, g in priorities.items())
-        self.view.event(f'base station: {text}')
+        self.view.event(f'base station: {text or "no goal"}')
 
     def meet(self, level: str, cell: int | None = None) -> None:
         """As the enemy, set the threat level in one cell, or everywhere."""

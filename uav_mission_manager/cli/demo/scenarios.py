@@ -19,6 +19,7 @@ LOW_CHARGE = 21.0
 def case_one(flight: DemoFlight) -> Iterator[Wait]:
     """The paper's Case I: a goal is raised, reached, completed; a threat on the way home."""
     (goal,) = flight.mission.goals
+    flight.ask()  # The manager decides nothing before it is told what is wanted.
     yield 'the vehicle ready at the base', lambda: flight.command == 'none normal' and flight.home
     flight.ask(**{goal.name: 2})
     yield 'the commitment', lambda: flight.command.startswith(f'commit {goal.name}')
@@ -36,6 +37,7 @@ def three_goals(flight: DemoFlight) -> Iterator[Wait]:
     """Priorities change, a threat appears, a motor weakens, the battery runs low."""
     first, second, third = (goal.name for goal in flight.mission.goals)
     threatened = flight.mission.goals[1].cell
+    flight.ask()  # The manager decides nothing before it is told what is wanted.
     yield 'the vehicle ready at the base', lambda: flight.command == 'none normal' and flight.home
     flight.meet('high', cell=threatened)
     flight.ask(**{first: 1, third: 1})
