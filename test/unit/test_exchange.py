@@ -66,6 +66,18 @@ def test_each_command_waits_until_the_one_before_is_accepted():
     assert (wire.sent(), wire.answers()) == ([], [(SPEED, True, '')])
 
 
+def test_what_comes_with_an_answer_may_cancel_the_next_command():
+    wire = Dialogue()
+    wire.send(FLY, SPEED)
+    wire.sent()
+    wire.port.say(mavlink.MAVLink_command_ack_message(FLY.number, ACCEPTED))
+    wire.link.poll(wire.now)
+    wire.link.cancel()
+    wire.link.repeat(wire.now)
+    wire.wait(2.0)
+    assert wire.sent() == []
+
+
 def test_after_a_refusal_the_others_are_not_sent():
     wire = Dialogue()
     wire.send(FLY, SPEED)

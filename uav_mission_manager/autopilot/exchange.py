@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -157,7 +158,8 @@ class CommandExchange:
             for number, pending in self._pending.items()
             if number != first.number and all(c.number != first.number for c in pending.commands)
         }
-        self._start(first.number, tuple(commands), now)
+        self._pending[first.number] = _Pending(tuple(commands), now)
+        self._transmit(first, 0)
 
     def waits_for(self, number: int) -> bool:
         """Whether the answer to a command of this number is still to come."""
@@ -195,8 +197,8 @@ class CommandExchange:
             command, *others = self._pending.pop(first).commands
             self.refused.pop(command.name, None)
             self._answers.append(Answer(command, True, ''))
-            if others:
-                self._start(first, tuple(others), now)
+            if others:  # Sent by `repeat`: what else has come with the answer may cancel them.
+                self._pending[first] = _Pending(tuple(others), -math.inf, transmissions=0)
         else:
             result = short_name('MAV_RESULT', ack.result).replace('_', ' ')
             self._refuse(first, result, now, explained=True)
@@ -218,7 +220,7 @@ class CommandExchange:
             self.refused[late.command.name] = late.why
 
     def repeat(self, now: float) -> None:
-        """Repeat what is not answered, and give up what was not answered in time."""
+        """Send what is next, or not answered; give up what was not answered in time."""
         for first, pending in list(self._pending.items()):
             if pending.progress_since is not None:
                 if now - pending.progress_since > MAX_PROGRESS_TIME:
@@ -232,10 +234,6 @@ class CommandExchange:
                 )
             else:
                 self._refuse(first, 'no answer', now)
-
-    def _start(self, first: int, commands: tuple[MavCommand, ...], now: float) -> None:
-        self._pending[first] = _Pending(commands, now)
-        self._transmit(commands[0], 0)
 
     def _refuse(self, first: int, result: str, now: float, *, explained: bool = False) -> None:
         command = self._pending.pop(first).commands[0]
