@@ -261,7 +261,7 @@ SETTLING = {
     'noise of the gauge': lambda f, n: setattr(f, 'charge', 0.215 + 0.02 * math.sin(n * n)),
     'health': _set('battery', {'healthy': False}, {'healthy': True}),
     'voltage': _set('battery', {'voltage': 9.9}, {'voltage': 12.6}),
-    'one metre': _set('place', (24.0, 0.0), (26.0, 0.0)),
+    'one metre': lambda f, n: f.__dict__.update(fault='sensor', place=(74.0 + 2 * (n % 2), 0.0)),
     'one metre at a corner': _set('place', (24.0, -24.0), (26.0, -26.0)),
     'metre and threat': lambda f, n: (
         setattr(f, 'place', (74.0 + 2 * (n % 2), 0.0)),
@@ -287,7 +287,7 @@ DWELLING = {
 }
 """Inputs that flicker, and change the command no more than once in the dwell."""
 
-STATES = [(cell, priorities) for cell in (1, 2) for priorities in ((0, 0, 0), (2, 1, 1))]
+STATES = [(cell, priorities) for cell in (1, 2) for priorities in ((0, 0, 0), (2, 0, 1))]
 
 
 def _changes(flight: Flight, flicker: Flicker, seconds: float = 61.0) -> list[float]:

@@ -111,7 +111,7 @@ class Situation:
         One that is not `healthy` counts as empty, whatever its percentage.
         """
         report = BatteryReport(percentage, voltage, current, capacity, healthy)
-        batteries = self.batteries.report(battery, report, self._energy, now)
+        batteries = self.batteries.settle(now).report(battery, report, self._energy, now)
         return self._heard('battery_state', now, batteries=batteries)._ranged()
 
     def with_position(self, east: float, north: float, now: float) -> Situation:
