@@ -18,6 +18,7 @@ import tempfile
 import time
 import traceback
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # To run without `make`.
@@ -78,7 +79,7 @@ def soak(
         folder, start, failure = Path(name), time.perf_counter(), ''
         day, leaks = Day(policies, folder, seed), Leaks(folder)
         try:
-            Fate(day, without).run(hours * 3600.0, leaks.look)
+            Fate(day, without).run(hours * 3600.0, partial(_look, seed, leaks))
         except Exception as error:
             failure = f'{type(error).__name__}: {error}'
             print(*day.log, traceback.format_exc(), sep='\n')
@@ -88,6 +89,11 @@ def soak(
         result = Result(seed, failure, day, leaks, time.perf_counter() - start)
     print(f'seed {seed}: {_ending(result)}, in {result.seconds:.0f} s', flush=True)
     return result
+
+
+def _look(seed: int, leaks: Leaks, now: float) -> None:
+    if leaks.look(now):
+        print(f'seed {seed}: {now / 3600.0:.1f} h', flush=True)
 
 
 def _ending(result: Result) -> str:

@@ -73,6 +73,8 @@ class Crew:
             self._down_since, self._patience = day.now, self._rng.uniform(3.0, 15.0)
         self._mend()
         patient = day.now - self._down_since < self._patience
+        if not patient and day.vehicle.off_grid(day.mission.grid) > 0.0:
+            self._carry_home()
         if not (patient or self._meddling) and day.phase in ('pilot in command', 'holding'):
             day.resume()
             self._down_since = None
@@ -101,3 +103,10 @@ class Crew:
         if at_service and day.invariants.command == 'repair':
             day.counts['motors mended'] += values['SIM_ENGINE_FAIL'] > 0.0
             values['SIM_ENGINE_FAIL'] = values['SIM_CAM_FAIL'] = 0.0
+
+    def _carry_home(self) -> None:
+        """Fetch the vehicle: off the grid nothing is decided."""
+        east, north = self._day.mission.grid.position(self._day.mission.grid.base)
+        self._day.vehicle.flight.body.position = complex(north, east)
+        self._day.counts['carried home'] += 1
+        self._day.note('people', 'carry it home')

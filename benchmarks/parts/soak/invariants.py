@@ -278,7 +278,7 @@ class Invariants:
         if wind > BLOWN_SPEED:
             self._blown_at = day.now
         east, north = day.vehicle.place
-        outside = _off(day.mission.grid, east, north) > GRID_MARGIN
+        outside = day.vehicle.off_grid(day.mission.grid) > GRID_MARGIN
         if not day.vehicle.airborne:  # It may take off from where it was blown.
             self._off_grid = self._was_blown = outside
             return
@@ -346,12 +346,3 @@ class Invariants:
         near = vehicle.distance(self.day.mission.grid, self._goals[goal]) <= ON_SITE
         height = vehicle.flight.body.altitude - SETTINGS.flight_altitude
         return near and abs(height) <= AT_HEIGHT
-
-
-def _off(grid: Any, east: float, north: float) -> float:
-    """Distance of a point from the grid [m]."""
-    half = grid.cell_size / 2.0
-    right, bottom = (grid.cols - 0.5) * grid.cell_size, (grid.rows - 0.5) * grid.cell_size
-    x = max(-half - east, east - right, 0.0)
-    y = max(north - half, -north - bottom, 0.0)
-    return math.hypot(x, y)

@@ -48,10 +48,10 @@ class Leaks:
         self.samples: list[Sample] = []
         self._due = SAMPLE_PERIOD
 
-    def look(self, now: float) -> None:
-        """Take a sample when it is time; raise `Violated` if anything has grown."""
+    def look(self, now: float) -> bool:
+        """Return whether it was time to; raise `Violated` if anything has grown."""
         if now < self._due:
-            return
+            return False
         self._due += SAMPLE_PERIOD
         gc.collect()
         journals = [file.stat().st_size for file in self._folder.iterdir()]
@@ -66,6 +66,7 @@ class Leaks:
         for what, found, limit in growths:
             if found > limit:
                 raise Violated(f'no leak: {found:,} {what}, more than {limit:,.0f}')
+        return True
 
 
 def _resident() -> int:

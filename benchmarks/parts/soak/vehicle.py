@@ -136,3 +136,12 @@ class Vehicle:
     def distance(self, grid: Grid, cell: int) -> float:
         """Distance [m] from a cell's centre."""
         return math.dist(self.place, grid.position(cell))
+
+    def off_grid(self, grid: Grid) -> float:
+        """Distance from the grid [m]."""
+        east, north = self.place
+        half = grid.cell_size / 2.0
+        right, bottom = (grid.cols - 0.5) * grid.cell_size, (grid.rows - 0.5) * grid.cell_size
+        x = max(-half - east, east - right, 0.0)
+        y = max(north - half, -north - bottom, 0.0)
+        return math.hypot(x, y)
