@@ -88,6 +88,33 @@ def test_nothing_is_decided_before_it_is_known_what_is_wanted(flight: Flight) ->
     assert flight.say() == 'commit goal1 normal'
 
 
+@pytest.mark.parametrize(('unknown', 'level'), [('none', 0), ('low', 1), ('high', 2)])
+def test_a_threat_never_heard_is_unknown(policy: Policy, unknown: str, level: int) -> None:
+    manager = MissionManager(policy, ManagerSettings(threat_unknown=unknown))
+    assert manager.situation.threat == level
+    assert manager.situation.warnings == (f'threat_level: never heard, counted as {unknown}',)
+    again = MissionManager(policy, ManagerSettings(threat_unknown=unknown), manager.memory)
+    assert again.situation.warnings == manager.situation.warnings
+    for now, heard, of in ((10.0, 'high', 2), (20.0, 'none', 0)):
+        assert manager.take(lambda s, heard=heard, now=now: s.with_threat(heard, now)) == ()
+        manager.step(now + 6.0)
+        assert (manager.situation.threat, manager.situation.warnings) == (of, ())
+        again = MissionManager(policy, ManagerSettings(threat_unknown=unknown), manager.memory)
+        assert (again.situation.threat, again.situation.warnings) == (of, ())
+
+
+def test_a_threat_level_that_is_none_is_refused(policy: Policy) -> None:
+    with pytest.raises(ValueError, match="threat_unknown: 'severe' is not one of none, low, high"):
+        MissionManager(policy, ManagerSettings(threat_unknown='severe'))
+
+
+def test_new_warnings_are_told_once(flight: Flight) -> None:
+    said = ('battery_state: reported unhealthy, counted as empty',)
+    sick = {'percentage': 0.9, 'now': 1.0, 'healthy': False}
+    assert flight.manager.take(lambda s: s.with_battery(**sick)) == said
+    assert flight.manager.take(lambda s: s.with_battery(**sick)) == ()
+
+
 # Off the grid
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from uav_mission_manager.mdp import THREAT_LEVELS, Mission, global_actions
 from uav_mission_manager.onboard.deciding import Refusal, decide
 from uav_mission_manager.onboard.dwell import StandingCommand, dwell, stay
+from uav_mission_manager.onboard.inputs import index_of
 from uav_mission_manager.onboard.memory import remembered, situation_memory
 from uav_mission_manager.onboard.situation import Situation
 from uav_mission_manager.policy import Decision, Policy
@@ -52,7 +53,8 @@ class MissionManager:
     Raises
     ------
     ValueError
-        One line: the mission has no energy model, or the memory is of something else.
+        One line: the mission has no energy model, a setting is none, or the memory is of
+        something else.
 
     Attributes
     ----------
@@ -68,6 +70,7 @@ class MissionManager:
     ) -> None:
         self.policy = policy
         self._settings = settings
+        index_of(settings.threat_unknown, THREAT_LEVELS, 'threat_unknown')
         self.situation = Situation(
             policy.mission,
             settings.range_hysteresis,
