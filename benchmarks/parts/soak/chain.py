@@ -97,7 +97,10 @@ class BridgeProcess(Process):
         self.port = _Port(self)
         link = AutopilotLink(self.port, source_system=245)
         self.core = VehicleBridge(link, Pilot(SETTINGS, self._plan.ground), FaultEstimator())
-        if memory := self.recall():
+        memory = self.recall()
+        if self.doubt:
+            self.core.distrust(self.doubt)
+        elif memory:
             self.core.restore(memory)
         self.core.remember = self.remember
         self._goals_at = self._fault_at = -math.inf

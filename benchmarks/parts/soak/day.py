@@ -137,6 +137,18 @@ class Day:
             process.kill()
             self.died(process)
 
+    def start(self, process: Process, *, computer_too: bool = False) -> None:
+        """Start a process that is dead, or about to die."""
+        if process.dies_at:
+            self.kill(process)
+        if process.up:
+            return
+        self.note(process.name, 'started')
+        process.start(self.now, computer_too=computer_too)
+        self.counts['journals not believed'] += bool(process.doubt)
+        if process is self.bridge:
+            self.invariants.bridge_started(process.doubt)
+
     def died(self, process: Process) -> None:
         """Take note of a death."""
         self.counts[f'kills of the {process.name}'] += 1

@@ -119,6 +119,10 @@ class Invariants:
         """Take note of a request."""
         self.wishes.ask(priorities)
 
+    def bridge_started(self, doubt: str) -> None:
+        """Without a journal to believe, it is held until ~/resume."""
+        self._held = self._held or bool(doubt)
+
     def held(self, taken: bool) -> None:
         """Take note of ~/hold, and whether it was taken."""
         self._held = self._held or taken
@@ -209,7 +213,7 @@ class Invariants:
             self.fail('hears before it orders', f'{order} without {", ".join(sorted(missing))}')
         if message.command in TO_FLY:
             if self._held:
-                self.fail('held', f'{order}, and ~/hold was called')
+                self.fail('held', f'{order} before ~/resume')
             if self.wishes.none_for > GRACE:
                 self.fail('flies only for a goal', f'{order}, and none is wanted')
 

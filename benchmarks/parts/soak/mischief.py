@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 from parts.soak.agenda import Agenda
 from parts.soak.crew import Crew
@@ -20,6 +21,10 @@ FENCE_RADIUS = 300.0
 
 DYING_PLACES = ('', 'before memory', 'after memory', 'sending')
 """Where a process dies: between its steps, or within one."""
+
+DAMAGE_SHARE = 0.03
+"""Share of the starts before which the journal is damaged; not the base station's, for it knows
+nothing then until a person asks."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +81,7 @@ class Mischief:
             Happening('other policy', 200.0, self.replace_policy),
             Happening('clock step', 200.0, self.step_clocks),
             Happening('wrong clock', 500.0, self.err_clock),
+            Happening('computer off and on', 600.0, self.switch_off),
             *kills,
         )
 
@@ -206,14 +212,21 @@ class Mischief:
             return
         self.day.kill(process, self.rng.choice(DYING_PLACES))
 
-        def start() -> None:
-            if process.dies_at:  # It has not come so far.
-                self.day.kill(process)
-            if not process.up:
-                self.day.note(process.name, 'started')
-                process.start(self.day.now)
+        self._agenda.after(0.5, self.rng.choice((3.0, 3.0, 20.0)), lambda: self._start(process))
 
-        self._agenda.after(0.5, 20.0 if self.rng.random() < 0.3 else 3.0, start)
+    def _start(self, process: Process) -> None:
+        """Start it; once in a while its journal has been damaged meanwhile."""
+        died = not process.up
+        if died and process is not self.day.station and self.rng.random() < DAMAGE_SHARE:
+            process.damage()
+        self.day.start(process)
+
+    def switch_off(self) -> None:
+        """Switch the computer off and on."""
+        for process in self.day.processes:
+            self.day.kill(process)
+            start = partial(self.day.start, process, computer_too=True)
+            self._agenda.after(5.0, 20.0, start)
 
     def flicker_on(self) -> None:
         """Go on with what flickers."""

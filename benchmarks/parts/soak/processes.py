@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 from parts.soak.wires import Topic
 from uav_mission_manager.mdp import Mission
-from uav_mission_manager.onboard.journal import Journal, goals_hash
+from uav_mission_manager.onboard.journal import Journal, JournalError, goals_hash
 
 LISTENING_TIME = 3.0
 """Time [s] in which a process that has started only listens: the nodes' default."""
@@ -22,11 +22,8 @@ LISTENING_TIME = 3.0
 LOSS = 0.02
 """Share of messages lost where their quality of service allows it: a choice."""
 
-REBOOT_SHARE = 0.1
-"""Share of the starts with which the computer starts too, and the clock for time-outs anew."""
-
 MAX_CLOCK = 1e6
-"""Latest beginning [s] of a process' clock for time-outs."""
+"""Latest beginning [s] of a process' clock for time-outs: a computer that has been up for days."""
 
 
 class Killed(BaseException):  # So that nobody in between catches it.
@@ -87,6 +84,8 @@ class Process:
         How far [s] its clock for stamps is ahead.
     dies_at : str
         Where in its next step it dies: 'before memory', 'after memory', 'sending' or ''.
+    doubt : str
+        Why it could not believe its journal when it started, '' if it could.
     forgetful : bool
         Whether it does not believe its journal: a fault to show that it would be noticed.
     """
@@ -100,18 +99,18 @@ class Process:
     ) -> None:
         self.mission, self._mission_hash = mission, goals_hash(mission)
         self.bus, self.watch, self.folder, self.rng = bus, watch, folder, rng
-        self.up, self.forgetful, self.dies_at = False, False, ''
+        self.up, self.forgetful, self.dies_at, self.doubt = False, False, '', ''
         self.stalled_until = self.wall_error = 0.0
         self.started_at = self.worked_at = 0.0
         self.starts = 0
         self._epoch = 0.0
         self.now = 0.0
 
-    def start(self, now: float) -> None:
+    def start(self, now: float, *, computer_too: bool = False) -> None:
         """Begin as a new process does: with the journal, and nothing else."""
         self.now = self.started_at = self.worked_at = now
-        if self.starts == 0 or self.rng.random() < REBOOT_SHARE:
-            self._epoch = self.rng.uniform(0.0, MAX_CLOCK) - now
+        if self.starts == 0 or computer_too:
+            self._epoch = self.rng.choice((100.0, MAX_CLOCK)) * self.rng.random() - now
         for topic in self.reads:
             getattr(self.bus, topic).reader_starts(now)
         self.begin()
@@ -171,10 +170,28 @@ class Process:
 
     def recall(self) -> Mapping[str, Any] | None:
         """Open the journal, and return what it says; None on the first start."""
-        path = self.folder / f'{self.name}.journal'
-        self.journal = Journal(path, self.name, self._mission_hash)
-        record = self.journal.read()
+        self.journal = Journal(self._journal_path, self.name, self._mission_hash)
+        self.doubt = ''
+        try:
+            record = self.journal.read()
+        except JournalError as error:
+            self.doubt = str(error)
+            self.watch.note(self.name, self.doubt)
+            return None
         return None if record is None or self.forgetful else record.state
+
+    def damage(self) -> None:
+        """Let a bit be wrong in the last line of its journal."""
+        path = self._journal_path
+        content = bytearray(path.read_bytes()) if path.exists() else bytearray()
+        if content:
+            first = content.rfind(b'\n', 0, len(content) - 1) + 1
+            content[self.rng.randrange(first, len(content))] ^= 1 << self.rng.randrange(8)
+            path.write_bytes(content)
+
+    @property
+    def _journal_path(self) -> Path:
+        return self.folder / f'{self.name}.journal'
 
     def work(self) -> None:
         """Do what is due."""
