@@ -88,6 +88,11 @@ PARAMETERS = (
 )
 
 
+REQUEST_TIME = 2.0
+"""Time [s] after listening in which a manager that goes on as before waits to hear what is wanted
+by now: a choice, two repetitions of the base station."""
+
+
 class Manager(ManagedNode):
     """Commands what the policy says about the state that vehicle and base station report.
 
@@ -134,6 +139,7 @@ class Manager(ManagedNode):
         if self._trouble:
             self.get_logger().warning(self._trouble)
         self._presence = Presence(self, 'manager', p.listening_time)
+        self._waits_until = seconds(self._steady) + p.listening_time + REQUEST_TIME
 
     def deactivate(self) -> None:
         """Leave the journal to the next one."""
@@ -193,9 +199,10 @@ class Manager(ManagedNode):
         What is told only comes after what is commanded. A manager that has just started listens
         first: to hear of another one, and what is wanted.
         """
-        if self._presence.silent:
+        now = seconds(self._steady)
+        if self._presence.silent or self._waits(now):
             return
-        before, outcome = self._outcome, self._core.step(seconds(self._steady))
+        before, outcome = self._outcome, self._core.step(now)
         self._outcome = outcome
         self._remember()
         self._publish_goals(repeat)
@@ -209,6 +216,10 @@ class Manager(ManagedNode):
             changed = isinstance(before, Refusal) or _key(before) != _key(outcome)
         if changed or repeat:
             self._explain()
+
+    def _waits(self, now: float) -> bool:
+        """Whether what was wanted before may have been cancelled, and that not heard yet."""
+        return now < self._waits_until and 'goal_priorities' not in self._core.situation.seen
 
     @property
     def _knows_what_is_wanted(self) -> bool:
