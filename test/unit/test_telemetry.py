@@ -181,6 +181,23 @@ def test_a_jump_is_not_flown_by_nor_is_what_follows_it_for_a_second(jump):
     assert track(0.0, 0.0, start=10.1, telemetry=telemetry).fix(10.2) is not None
 
 
+def test_a_position_that_was_overtaken_is_dropped():
+    """On a link that delays, positions come in another order than they were measured in."""
+    telemetry = track(*[0.0] * 20)
+    late = update(telemetry, global_position(time=8500), 9.0)
+    assert late.fix(9.0) == telemetry.fix(9.0) is not None
+
+
+def test_a_wrong_position_from_the_future_is_not_flown_by_later():
+    telemetry = track(*[0.0] * 20)
+    forged = update(telemetry, global_position(lat=-353432620, time=10500), 9.0)
+    for step in range(15):
+        now = 9.05 + 0.1 * step
+        forged = update(forged, global_position(time=round(1000 * now)), now)
+        fix = forged.fix(now)
+        assert fix is None or fix.latitude == pytest.approx(-35.363262)
+
+
 def test_fast_flight_is_no_jump_at_any_speed_up():
     places = [4e-5 * step for step in range(30)]  # 44 m/s
     telemetry = Telemetry()

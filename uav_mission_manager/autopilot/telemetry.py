@@ -263,7 +263,10 @@ def _global_position(message: Any, now: float, last: Telemetry) -> dict[str, Any
         heading,
         message.time_boot_ms / 1000.0,
     )
-    if last.position is not None and position.follows(last.position):
+    before = last.position
+    if before is not None and position.boot_time < before.boot_time and before.follows(position):
+        return {}  # It was overtaken on the way.
+    if before is not None and position.follows(before):
         return {'position': position}
     return {'position': position, 'settled_at': now + SETTLING_TIME}
 
