@@ -12,7 +12,8 @@ CARE_PERIOD = 1.0
 """Time [s] between two looks at the vehicle."""
 
 LOW_CHARGE = 0.2
-"""Charge below which the battery is changed wherever the vehicle stands."""
+"""Charge below which the battery is changed wherever the vehicle stands, and in flight nobody
+interferes with a landing."""
 
 NEAR = 25.0
 """How far [m] from a cell's centre the vehicle stands in it."""
@@ -31,7 +32,7 @@ class Crew:
 
     def take_over(self) -> None:
         """Change the mode in flight, and give command back later."""
-        if not self._day.vehicle.airborne or self._meddling:
+        if not self._day.vehicle.airborne or self._meddling or self._battery_low:
             return
         modes = (SimulatedMode.LOITER, SimulatedMode.BRAKE, SimulatedMode.RTL, SimulatedMode.LAND)
         self._put_into(self._rng.choice(modes))
@@ -66,7 +67,8 @@ class Crew:
             self._meddling = self._gives_back = False
         if day.vehicle.flight.armed or day.vehicle.airborne:
             self._down_since = None
-            if not self._meddling and day.phase == 'pilot in command':  # a failsafe
+            taken = day.phase == 'pilot in command' and not self._battery_low
+            if taken and not self._meddling:  # by a failsafe
                 self._give_back_after(20.0)
             return
         if self._down_since is None:
@@ -78,6 +80,10 @@ class Crew:
         if not (patient or self._meddling) and day.phase in ('pilot in command', 'holding'):
             day.resume()
             self._down_since = None
+
+    @property
+    def _battery_low(self) -> bool:
+        return self._day.vehicle.flight.body.battery.charge < LOW_CHARGE
 
     def _put_into(self, mode: SimulatedMode) -> None:
         self._day.note('people', mode.name)
@@ -95,8 +101,8 @@ class Crew:
         """Change the battery, mend motors and camera."""
         day, flight, grid = self._day, self._day.vehicle.flight, self._day.mission.grid
         at_service = day.vehicle.distance(grid, grid.service) < NEAR
-        charge, values = flight.body.battery.charge, flight.parameters
-        if charge < (0.9 if at_service else LOW_CHARGE) or values['SIM_BATT_VOLTAGE']:
+        values, not_full = flight.parameters, flight.body.battery.charge < 0.9
+        if (at_service and not_full) or self._battery_low or values['SIM_BATT_VOLTAGE']:
             values['SIM_BATT_VOLTAGE'] = 0.0
             flight.set_charge(self._rng.uniform(85.0, 100.0))
             day.counts['batteries changed'] += 1

@@ -26,6 +26,9 @@ GAUGE_NOISE = 1
 VOLTAGE_NOISE = 0.05
 """Largest error of the battery's voltage [V]: a choice."""
 
+PARAMETERS = {'FENCE_ENABLE': 1.0, 'BATT_CRT_VOLT': 10.25, 'BATT_FS_CRT_ACT': 1.0}
+"""Of the autopilot, beside the defaults: it has a fence, and lands where it is at some 8 %."""
+
 SUBSTEPS = 2
 """Steps of the autopilot in one of the chain."""
 
@@ -82,7 +85,7 @@ class Vehicle:
         assert grid.origin is not None
         origin = SimulatedOrigin(*astuple(grid.origin))
         self.flight = SimulatedFlight(origin, BOOT_TIME, rng.randrange(1 << 30))
-        self.flight.parameters['FENCE_ENABLE'] = 1
+        self.flight.parameters.update(PARAMETERS)
         self.message: Any = None
         self.texts: list[str] = []
         self.down, self.up = Wire(rng), Wire(rng)
