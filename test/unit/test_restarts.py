@@ -32,7 +32,7 @@ class Mortal(SimulatedChain):
     def __init__(self, settings=SETTINGS, **options: Any) -> None:
         super().__init__(POLICY, settings=settings, **options)
         self.settings = settings
-        self.memory = ''
+        self.memory, self.written_at = '', 0.0
         self._adopt(self.bridge)
 
     def _adopt(self, bridge: VehicleBridge) -> None:
@@ -40,13 +40,15 @@ class Mortal(SimulatedChain):
         bridge.remember = self._remember
 
     def _remember(self, memory: dict[str, Any]) -> None:
-        self.memory = json.dumps(memory)
+        text = json.dumps(memory)
+        if text != self.memory:
+            self.memory, self.written_at = text, self.now
 
     def kill_bridge(self, seconds: float = 3.0) -> None:
         """End the bridge; another one starts after some seconds."""
         self.end_bridge(seconds)
         if self.memory:
-            self.bridge.restore(json.loads(self.memory))
+            self.bridge.restore(json.loads(self.memory), self.written_at)
 
     def end_bridge(self, seconds: float = 3.0) -> None:
         self.stall(seconds)
@@ -120,8 +122,6 @@ def test_resumed_it_is_not_held():
 def test_whoever_took_over_has_it_until_resume(mode, seen):
     """Whether the bridge saw it, or was dead when the mode was changed and all the way down."""
     chain = flying()
-    if not seen:
-        chain.end_bridge(0.0)
     chain.put_into(mode) if seen else chain.tell(mavlink.MAV_CMD_DO_SET_MODE, 1, mode)
     chain.spend(2.0) if seen else chain.kill_bridge(5.0)
     orders = len(chain.orders)
@@ -138,9 +138,48 @@ def test_whoever_took_over_has_it_until_resume(mode, seen):
     chain.until(lambda: 'goal2' in chain.completed, 'goal completed', 180.0)
 
 
+def landed() -> Mortal:
+    """Down after a mission, in LAND, with nothing wanted."""
+    chain = Mortal()
+    chain.want(1, 0, 0)
+    chain.until(lambda: chain.completed, 'goal completed')
+    chain.until(lambda: not chain.armed, 'landed', 180.0)
+    chain.spend(10.0)
+    return chain
+
+
+def test_a_mode_set_by_hand_on_the_ground_is_taken_over_unseen_too():
+    chain = landed()
+    chain.tell(mavlink.MAV_CMD_DO_SET_MODE, 1, FlightMode.STABILIZE)
+    chain.kill_bridge()
+    orders = len(chain.orders)
+    chain.want(0, 2, 0)
+    chain.spend(20.0)
+    assert (chain.phase, chain.orders[orders:]) == ('pilot in command', [])
+
+
+def test_a_vehicle_that_was_switched_off_and_on_is_nobodys():
+    chain = landed()
+    chain.tell(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1)
+    chain.kill_bridge(10.0)
+    chain.want(0, 2, 0)
+    chain.until(lambda: 'goal2' in chain.completed, 'goal2 completed', 180.0)
+    assert chain.boots == 1
+
+
+def test_held_or_taken_over_it_is_so_after_that_too():
+    chain = landed()
+    assert chain.hold()[0]
+    chain.tell(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1)
+    chain.kill_bridge(10.0)
+    chain.want(0, 2, 0)
+    chain.spend(60.0)
+    assert chain.boots == 1
+    assert (chain.armed, chain.phase) == (False, 'holding')
+
+
 def test_motors_that_stopped_unseen_are_not_started_again():
     chain = flying()
-    chain.end_bridge(0.0)
     chain.tell(ARM, 0, 21196)
     chain.kill_bridge(20.0)
     chain.spend(20.0)

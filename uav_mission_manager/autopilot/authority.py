@@ -103,6 +103,11 @@ class Authority:
         self.motors_started_here = memory['motors_started_here']
         self._failsafe_seen, self._restored = memory['failsafe'], True
 
+    def rebooted(self) -> None:
+        """Take nothing over that a reboot of the autopilot did, on the ground."""
+        self._restored = False
+        self.link_lost()
+
     def link_lost(self) -> None:
         """Take nothing over unseen; on the ground the autopilot may reboot meanwhile."""
         self._adopt = False

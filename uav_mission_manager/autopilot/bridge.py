@@ -89,6 +89,7 @@ class VehicleBridge:
         self._said: dict[str, str] = {}
         self._reasons: dict[str, float] = {}  # not to arm, with the time [s] they were said
         self._log: list[tuple[bool, str]] = []
+        self._remembered_at: float | None = None  # until it is known what has rebooted since
 
     def step(self, now: float) -> BridgeStep:
         """Hear what has arrived, decide, and ask of the vehicle what is to be asked."""
@@ -118,8 +119,14 @@ class VehicleBridge:
             'camera': self.link.component_age(CAMERA_COMPONENT, 0.0) is not None,
         }
 
-    def restore(self, memory: Mapping[str, Any]) -> None:
+    def restore(self, memory: Mapping[str, Any], written_at: float | None = None) -> None:
         """Go on from the `memory` of another one, before the first `step`.
+
+        Parameters
+        ----------
+        memory : mapping
+        written_at : float, optional
+            When it was [s], to know of an autopilot that has been switched on since.
 
         Raises
         ------
@@ -131,6 +138,7 @@ class VehicleBridge:
             self.faults.restore(memory['faults'])
             if memory['camera']:
                 self.link.expect(CAMERA_COMPONENT)
+            self._remembered_at = written_at
         except (KeyError, TypeError) as error:
             raise ValueError(f'no memory of a bridge: {error!r}') from error
 
@@ -200,6 +208,7 @@ class VehicleBridge:
             kind = REQUESTED_BY.get(answer.command.number)
             if kind is not None:
                 self.pilot.answered(kind, answer.accepted, answer.why)
+        self._look_for_reboot(now)
         output = self.pilot.update(self.telemetry if self.link.up else None, now)
         last, self.output = self.output, output
         if output.phase is not last.phase:  # What was asked for is no longer wanted.
@@ -214,6 +223,17 @@ class VehicleBridge:
             warning = output.phase in WARNING_PHASES
             self._log.append((warning, f'{output.phase.value}: {output.status}'))
         return output
+
+    def _look_for_reboot(self, now: float) -> None:
+        """Tell of a reboot between the memory and the first that is heard of the autopilot."""
+        since = self._remembered_at
+        if since is None or not self.link.up or self.telemetry.unheard:
+            return
+        self._remembered_at = None
+        if self.link.boot_time < now - since:
+            self._log.append((False, 'the autopilot was switched on since'))
+            self.faults.rebooted()
+            self.pilot.rebooted()
 
     def _tell(self, now: float) -> None:
         """Log what is new about the link: who is flown, who is not, what was refused."""

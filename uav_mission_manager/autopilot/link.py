@@ -122,6 +122,11 @@ class AutopilotLink:
         """Why, by the command's name, until the same command is accepted."""
         return self._exchange.refused
 
+    @property
+    def boot_time(self) -> float:
+        """Time [s] since the autopilot's start, as it last said, 0 until it does."""
+        return self._boot_time / 1000.0
+
     def poll(self, now: float) -> list[Any]:
         """Send the own heartbeat and return the autopilot's new messages; call it often.
 

@@ -129,6 +129,10 @@ class Pilot:
         self._distrusted, self._landing = memory['distrusted'], memory['landing']
         self._authority.restore(memory['authority'])
 
+    def rebooted(self) -> None:
+        """Take note of a reboot of the autopilot that nobody saw, since the `memory`."""
+        self._authority.rebooted()
+
     def distrust(self, why: str) -> None:
         """Obey nobody until `resume`: stay on the ground; in flight hold, then return."""
         self._distrusted = why
@@ -214,7 +218,7 @@ class Pilot:
         if telemetry.ready is False:
             return PilotOutput(Phase.BLOCKED, f'{task.text}: the autopilot is not ready to arm')
         self._authority.arm(now)
-        return self._ask(Arm(), Phase.ARMING, task.text, now)
+        return self._requests.ask(Arm(), Phase.ARMING, task.text, now)
 
     def _needs_a_pilot(self, task: FlightTask) -> PilotOutput:
         return PilotOutput(
@@ -291,7 +295,7 @@ class Pilot:
             why = f'no take-off in {patience:.0f} s' + (f': {why}' if why else '')
             return self._stay_down(f'{task.text}: {why}', telemetry, now)
         take_off = TakeOff(task.cruise_altitude - position.home_altitude)
-        return self._ask(take_off, Phase.TAKE_OFF, task.text, now)
+        return self._requests.ask(take_off, Phase.TAKE_OFF, task.text, now)
 
     def _stay_down(self, why: str, telemetry: Telemetry, now: float) -> PilotOutput:
         """Stop the motors, and start them for nothing but `resume`."""
@@ -342,7 +346,4 @@ class Pilot:
     ) -> PilotOutput:
         self._landing = mode == FlightMode.LAND
         self._authority.order(mode, telemetry.mode, now)
-        return self._ask(SetMode(mode), phase, why, now)
-
-    def _ask(self, request: Request, phase: Phase, why: str, now: float) -> PilotOutput:
-        return self._requests.ask(request, phase, why, now)
+        return self._requests.ask(SetMode(mode), phase, why, now)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any
@@ -187,7 +188,8 @@ class MavlinkBridge(ManagedNode):
             record = self._journal.read()
             if record is None:
                 return
-            self._bridge.restore(record.state)
+            age = time.time() - self._journal.path.stat().st_mtime
+            self._bridge.restore(record.state, self._now() - age)
         except ValueError as error:
             self.get_logger().warning(f'{error}; what was before is not known')
             self._bridge.distrust(f'what was before is not known: {error}')
