@@ -100,6 +100,15 @@ def test_a_repeated_request_never_revives_a_completed_goal() -> None:
     assert situation.with_priorities([2, 1, 0], 'b', 1.0).priorities == (2, 1, 0)
 
 
+def test_a_goal_that_a_repetition_asks_for_no_more_was_achieved_unheard() -> None:
+    situation = at(5).with_priorities([2, 1, 0], 'a', 0.0).after(ACTIONS[1])
+    repeated = situation.with_priorities([0, 1, 0], 'a', 1.0)
+    assert (repeated.priorities, repeated.commitment) == ((0, 1, 0), 0)
+    by_hand = repeated.with_priorities([2, 2, 2], '', 2.0)
+    assert by_hand.with_priorities([0, 1, 0], 'a', 3.0).priorities == (2, 2, 2)
+    assert by_hand.with_priorities([0, 0, 0], 'a', 3.0).priorities == (2, 0, 2)
+
+
 def test_a_message_without_id_is_always_a_new_request() -> None:
     situation = at(5).with_priorities([2, 1, 0], 'a', 0.0).with_completed('goal1')
     by_hand = situation.with_priorities([2, 0, 0], '', 1.0)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.mdp import Mission
+
+REQUIRED_INPUTS = ('battery_state', 'odom', 'fault_mode')
+"""Inputs that a decision needs, each of them fresh."""
 
 
 class InputError(ValueError):
@@ -29,3 +32,13 @@ def checked_priorities(values: Sequence[int], mission: Mission) -> tuple[int, ..
                 f'goal_priorities: {shown(goal.name)} is {shown(value)}, not 0, 1 or 2'
             )
     return tuple(values)
+
+
+def missing_inputs(ages: Mapping[str, float], timeout: float) -> tuple[str, ...]:
+    """Name the required inputs older than `timeout` [s] or never heard, and how old."""
+    # A clock set back makes ages negative: as suspect as old ones.
+    return tuple(
+        f'{topic} {ages[topic]:.1f} s old' if topic in ages else f'{topic} never received'
+        for topic in REQUIRED_INPUTS
+        if topic not in ages or abs(ages[topic]) > timeout
+    )

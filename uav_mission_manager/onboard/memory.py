@@ -26,6 +26,7 @@ def situation_memory(situation: Situation) -> dict[str, Any]:
         'priorities': list(situation.priorities),
         'refused': list(situation.refused),
         'request': situation.request,
+        'said': list(situation.said),
         'pending': wish.pending and [list(wish.pending.priorities), wish.pending.id],
         'changed_at': wish.changed_at if math.isfinite(wish.changed_at) else None,
         'commitment': situation.commitment,
@@ -55,6 +56,7 @@ def remembered(situation: Situation, memory: Mapping[str, Any]) -> Situation:
         priorities=tuple(memory['priorities']),
         refused=tuple(map(bool, memory['refused'])),
         request=str(memory['request']),
+        said=tuple(memory['said']),
         wish=Wish(
             None if pending is None else GoalRequest(tuple(pending[0]), str(pending[1])),
             -math.inf if changed_at is None else float(changed_at),

@@ -6,6 +6,12 @@ import math
 from collections.abc import Mapping, Set
 from dataclasses import dataclass, field, replace
 
+FAULT_DANGERS = ('sensor', 'actuator', 'camera')
+"""The dangers of a fault mode f: one for each bit of f - 1, from the lowest."""
+
+THREAT_DANGERS = ('threat low', 'threat high')
+"""The dangers of a threat t: the first t of them."""
+
 
 @dataclass(frozen=True)
 class Dangers:

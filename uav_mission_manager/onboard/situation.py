@@ -9,23 +9,26 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
 
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, Action, Energy, Mission
 from uav_mission_manager.onboard.battery import Batteries, BatteryReport
-from uav_mission_manager.onboard.inputs import InputError, checked_priorities, index_of
+from uav_mission_manager.onboard.inputs import (
+    InputError,
+    checked_priorities,
+    index_of,
+    missing_inputs,
+)
 from uav_mission_manager.onboard.place import cell_with_margin, off_grid, strayed
 from uav_mission_manager.onboard.range_model import range_flags, required_ranges
-from uav_mission_manager.onboard.settling import Dangers, GoalRequest, Wish
-
-REQUIRED_INPUTS = ('battery_state', 'odom', 'fault_mode')
-"""Inputs that a decision needs, each of them fresh."""
-
-FAULT_DANGERS = ('sensor', 'actuator', 'camera')
-"""The dangers of a fault mode f: one for each bit of f - 1, from the lowest."""
-
-THREAT_DANGERS = ('threat low', 'threat high')
-"""The dangers of a threat t: the first t of them."""
+from uav_mission_manager.onboard.settling import (
+    FAULT_DANGERS,
+    THREAT_DANGERS,
+    Dangers,
+    GoalRequest,
+    Wish,
+)
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,8 @@ class Situation:
         Whether the vehicle refused to fly to goal j; it counts as out of range.
     request : str
         Id of the request that the priorities come from.
+    said : tuple of k
+        What the last request with an id asked for when it was last heard.
     wish : Wish
         Priorities that do not count yet.
     commitment, agile : int, bool
@@ -80,6 +85,7 @@ class Situation:
     priorities: tuple[int, ...] = ()
     refused: tuple[bool, ...] = ()
     request: str = ''
+    said: tuple[int, ...] = ()
     wish: Wish = field(default_factory=Wish)
     commitment: int = 0
     agile: bool = False
@@ -136,16 +142,19 @@ class Situation:
     def with_priorities(self, values: Sequence[int], request: str, now: float) -> Situation:
         """Take a request for the priorities of all goals.
 
-        A request with the id of the last one is its repetition and changes nothing. A new one
-        counts at once if nothing is wanted any more, or the last change is `settling_time` ago;
-        else it must last so long. It then forgets which goals were refused; one without id,
-        which may be repeated, does so only for goals whose priority it changes.
+        A request with the id of the last one is its repetition: what it asks for no more has been
+        achieved, else it changes nothing. A new one counts at once if nothing is wanted any more,
+        or the last change is `settling_time` ago; else it must last so long. It then forgets which
+        goals were refused; one without id, which may be repeated, only those that it changes.
         """
         priorities = checked_priorities(values, self.mission)
         heard = self._heard('goal_priorities', now)
         last = heard.wish.pending or GoalRequest(heard.priorities, heard.request)
-        if request == last.id if request else priorities == last.priorities:
+        if request and request == last.id:
+            return heard._repeated(priorities)
+        if not request and priorities == last.priorities:
             return heard
+        heard = replace(heard, said=priorities if request else heard.said)
         asked = GoalRequest(priorities, request or last.id)
         if request == heard.request != '':  # The one in force, after another one.
             return replace(heard, wish=Wish(None, heard.time))
@@ -161,8 +170,7 @@ class Situation:
             return tuple(0 if j == goal else g for j, g in enumerate(priorities))
 
         pending = self.wish.pending
-        if pending is not None:
-            pending = replace(pending, priorities=without(pending.priorities))
+        pending = pending and replace(pending, priorities=without(pending.priorities))
         return replace(
             self,
             priorities=without(self.priorities),
@@ -241,15 +249,8 @@ class Situation:
     @property
     def state(self) -> tuple[int, ...]:
         """The MDP state `[f r.. g.. l c t m]`."""
-        return (
-            self.fault,
-            *self.reachable,
-            *self.priorities,
-            self.cell,
-            self.commitment,
-            self.threat,
-            int(self.agile),
-        )
+        others = self.cell, self.commitment, self.threat, int(self.agile)
+        return (self.fault, *self.reachable, *self.priorities, *others)
 
     @property
     def refused_goals(self) -> tuple[str, ...]:
@@ -286,13 +287,7 @@ class Situation:
 
     def missing(self, now: float, timeout: float) -> tuple[str, ...]:
         """Name the required inputs older than `timeout` [s] or never heard, and how old."""
-        ages = self.ages(now)
-        # A clock set back makes ages negative: as suspect as old ones.
-        return tuple(
-            f'{topic} {ages[topic]:.1f} s old' if topic in ages else f'{topic} never received'
-            for topic in REQUIRED_INPUTS
-            if topic not in ages or abs(ages[topic]) > timeout
-        )
+        return missing_inputs(self.ages(now), timeout)
 
     @property
     def _energy(self) -> Energy:
@@ -321,6 +316,12 @@ class Situation:
             refused=refused,
             wish=Wish(None, changed_at),
         )
+
+    def _repeated(self, said: tuple[int, ...]) -> Situation:
+        """Drop goals that were achieved, though nobody here heard of it."""
+        goals = zip(self.mission.goals, self.said, said)
+        achieved = [goal.name for goal, before, now in goals if before and not now]
+        return reduce(Situation.with_completed, achieved, replace(self, said=said))
 
     def _heard(self, topic: str, now: float, **changes: object) -> Situation:
         heard = self.settled(now)
