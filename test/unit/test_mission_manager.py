@@ -466,17 +466,18 @@ EVENTS = st.one_of(
 )
 
 
+STEPS = st.tuples(EVENTS, st.sampled_from((0.1, 0.1, 1.0, 2.6, 6.0)), st.booleans())
+"""What happens, for how long nothing more does, and whether the manager is killed before it."""
+
+
 @settings(deadline=None, max_examples=100)
-@given(
-    events=st.lists(st.tuples(EVENTS, st.sampled_from((0.1, 0.1, 1.0, 2.6, 6.0))), max_size=40),
-    kills=st.sets(st.integers(0, 39)),
-)
+@given(steps=st.lists(STEPS, min_size=5, max_size=40))
 def test_a_manager_made_anew_goes_on_as_if_nothing_had_happened(
-    policy: Policy, events: list[tuple[Callable[[Flight], object], float]], kills: set[int]
+    policy: Policy, steps: list[tuple[Callable[[Flight], object], float, bool]]
 ) -> None:
     lives_on, killed = Flight(policy), Flight(policy)
-    for n, (event, pause) in enumerate(events):
-        if n in kills:
+    for event, pause, dies in steps:
+        if dies:
             memory = json.loads(json.dumps(killed.manager.memory))
             killed.manager = MissionManager(policy, memory=memory)
         said = []
