@@ -121,6 +121,15 @@ def test_what_it_hid_is_not_forgotten_by_a_restart():
     assert moved.worst(ENERGY).charge(ENERGY) == 0.79
 
 
+def test_the_memory_does_not_change_with_every_report():
+    batteries, memories = Batteries(), set()
+    for n in range(300):
+        report = BatteryReport(0.9 - n * 1e-4, 16.0, -18.0)
+        batteries = batteries.report('', report, ENERGY, n / 10.0)
+        memories.add(str(batteries.memory))
+    assert len(memories) == 1
+
+
 # Several
 
 

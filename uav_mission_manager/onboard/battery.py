@@ -193,11 +193,13 @@ class Batteries:
     @property
     def memory(self) -> dict[str, dict[str, float]]:
         """What their next reports do not say again, in JSON values that seldom change."""
-        return {
-            name: {'percentage': b.report.percentage, 'drawn': drawn, 'whole': b.whole}
-            for name, b in self.by_id.items()
-            if (drawn := math.floor(b.drawn / DRAW_STEP) * DRAW_STEP) or b.whole
-        }
+        known = {}
+        for name, b in self.by_id.items():
+            drawn = math.floor(b.drawn / DRAW_STEP) * DRAW_STEP
+            if drawn or b.whole:
+                percentage = b.report.percentage if drawn else 0.0  # Else it need not be known.
+                known[name] = {'percentage': percentage, 'drawn': drawn, 'whole': b.whole}
+        return known
 
     @classmethod
     def remembered(cls, memory: Mapping[str, Mapping[str, Any]]) -> Batteries:
