@@ -12,7 +12,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from parts.soak.processes import Process
+from parts.soak.processes import LISTENING_TIME, Process
 from parts.soak.vehicle import Vehicle
 from uav_mission_manager.autopilot.bridge import BridgeStep, VehicleBridge
 from uav_mission_manager.autopilot.faults import FaultEstimator
@@ -49,6 +49,9 @@ MANAGER_SETTINGS = ManagerSettings()
 REPEAT_PERIOD, FAULT_REPEAT_PERIOD, DECISION_PERIOD = 1.0, 0.5, 0.25
 """Time [s] between two messages that say the same: the nodes'; and between two decisions where
 nothing but position and charge is new, which the nodes take with each message: less work."""
+
+REQUEST_TIME = 2.0
+"""Time [s] after listening in which a manager waits to hear what is wanted by now: the node's."""
 
 SOCKET_BUFFER = 400
 """Datagrams that wait for a process that stands still, at most: a choice, near Linux' default."""
@@ -194,7 +197,7 @@ class ManagerProcess(Process):
     def work(self) -> None:
         """Hear, decide, command."""
         news = self._hear()
-        if not self.works or not (news or self.clock >= self._decide_at):
+        if not self.works or self._waits or not (news or self.clock >= self._decide_at):
             return
         self._decide_at = self.clock + DECISION_PERIOD
         outcome = self.core.step(self.clock)
@@ -208,6 +211,12 @@ class ManagerProcess(Process):
             self.bus.goals.publish(goals, self.now)
         self.die('sending')
         self._command_as(outcome, repeat)
+
+    @property
+    def _waits(self) -> bool:
+        """Whether it has just started, and has not heard what is wanted by now."""
+        young = self.now - self.started_at < LISTENING_TIME + REQUEST_TIME
+        return young and 'goal_priorities' not in self.core.situation.seen
 
     def _command_as(self, outcome: Any, repeat: bool) -> None:
         refused = outcome.reason if isinstance(outcome, Refusal) else ''
