@@ -128,17 +128,17 @@ class Invariants:
         self._held = self._held or taken
         self._cancelled_at = self.day.now
 
-    def resumed(self) -> tuple[bool, bool]:
+    def resumed(self) -> tuple[Any, ...]:
         """Take note of ~/resume; return what to take back if it is not taken."""
-        before = self._held, self._yields or self._sees
+        before = self._held, self._yields or self._sees, self.day.vehicle.foreign
         self.day.vehicle.foreign = None
         self._held = self._yields = self._sees = False
         self._cancelled_at = self.day.now
         return before
 
-    def not_resumed(self, before: tuple[bool, bool]) -> None:
+    def not_resumed(self, before: tuple[Any, ...]) -> None:
         """Take it back."""
-        self._held, self._yields = before
+        self._held, self._yields, self.day.vehicle.foreign = before
 
     def rebooted(self) -> None:
         """Take note of it that the autopilot begins anew."""
