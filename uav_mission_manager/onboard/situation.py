@@ -112,10 +112,7 @@ class Situation:
         capacity: float = math.nan,
         battery: str = '',
     ) -> Situation:
-        """Take what is said of a battery, by its id; see `BatteryReport`.
-
-        One that is not `healthy` counts as empty, whatever its percentage.
-        """
+        """Take a `BatteryReport` on the battery of an id; an unhealthy one counts as empty."""
         report = BatteryReport(percentage, voltage, current, capacity, healthy)
         batteries = self.batteries.settle(now).report(battery, report, self._energy, now)
         return self._heard('battery_state', now, batteries=batteries)._ranged()
