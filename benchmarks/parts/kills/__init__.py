@@ -1,0 +1,1 @@
+"""The chain of processes, killed at random, a crew that uses it, and a watch from outside."""
