@@ -1,9 +1,11 @@
-"""Where the package's data files are."""
+"""Where files are, and how to open one that may be something else."""
 
 from __future__ import annotations
 
+import errno
 import os
 import re
+import stat
 from pathlib import Path
 
 from uav_mission_manager.echo import shown
@@ -45,3 +47,18 @@ def expanded(text: str) -> Path:
             f'{shown(text)}: no home directory is known for {shown(path.partition("/")[0])}'
         )
     return Path(path)
+
+
+def opened_file(path: Path, flags: int = os.O_RDONLY) -> int:
+    """Return a descriptor of a regular file: a pipe or a device may let its reader wait for ever.
+
+    Raises
+    ------
+    OSError
+        If it is none, or cannot be opened.
+    """
+    descriptor = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise OSError(errno.EINVAL, 'no regular file', str(path))
+    return descriptor

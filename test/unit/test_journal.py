@@ -190,7 +190,7 @@ def test_a_folder_or_a_pipe_in_its_place_is_refused(tmp_path, journals):
     with pytest.raises(IsADirectoryError):
         journals(path=tmp_path)
     os.mkfifo(tmp_path / 'pipe')
-    with pytest.raises(OSError, match='is no regular file'):
+    with pytest.raises(OSError, match='no regular file'):
         journals(path=tmp_path / 'pipe')
 
 

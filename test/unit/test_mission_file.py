@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import os
 import re
 
 import pytest
@@ -463,3 +464,9 @@ def test_paper_was_called_seed(tmp_path):
     new = mission_from_dict(case_study(feasibility='paper'), 'test')
     assert old == new
     assert old.digest() == new.digest()
+
+
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / 'mission.yaml')
+    with pytest.raises(MissionError, match=r'mission\.yaml: cannot be read: no regular file'):
+        load_mission(tmp_path / 'mission.yaml')

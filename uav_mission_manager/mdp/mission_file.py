@@ -28,6 +28,7 @@ from uav_mission_manager.mdp.mission import (
     Threat,
 )
 from uav_mission_manager.mdp.strict_yaml import read_yaml
+from uav_mission_manager.paths import opened_file
 
 MAX_FILE_BYTES = 8_000_000
 """Bytes of a mission file at most: a choice, several times those of one with 90,000 zones."""
@@ -45,7 +46,7 @@ def load_mission(path: str | Path) -> Mission:
         If the file cannot be read, is not YAML or holds a bad, missing or unknown field.
     """
     try:
-        with Path(path).open('rb') as file:
+        with open(opened_file(Path(path)), 'rb') as file:
             content = file.read(MAX_FILE_BYTES + 1)
         text = content.decode()
     except (OSError, ValueError) as error:

@@ -13,7 +13,6 @@ import fcntl
 import hashlib
 import json
 import os
-import stat
 import tempfile
 import threading
 from collections.abc import Mapping
@@ -24,6 +23,7 @@ from typing import Any
 
 from uav_mission_manager.echo import quoted
 from uav_mission_manager.mdp import Mission
+from uav_mission_manager.paths import opened_file
 from uav_mission_manager.policy.replacement import flush
 
 JOURNAL_VERSION = 1
@@ -37,6 +37,10 @@ LARGEST_JOURNAL = 64 * 1024
 
 RETRY_PERIOD = 1.0
 """Time [s] after which what could not be brought to the disk is tried again: a choice."""
+
+
+READ_AND_APPEND = os.O_RDWR | os.O_APPEND
+"""How a journal is opened."""
 
 
 class JournalError(ValueError):
@@ -89,7 +93,7 @@ class Journal:
         with tempfile.TemporaryFile(dir=path.parent):
             pass  # Only to see that there is a place for files.
         if os.path.lexists(path):
-            os.close(_opened_file(path))
+            os.close(opened_file(path, READ_AND_APPEND))
         self._lock = threading.RLock()  # Held for as long as a write takes, not for the disk.
         self._written, self._descriptor = b'', -1
         self._write_error = self._disk_error = ''
@@ -245,22 +249,13 @@ def _last_line(content: bytes) -> tuple[bytes, int]:
 
 
 def _content(path: Path) -> bytes:
-    with open(_opened_file(path), 'rb') as file:
+    with open(opened_file(path, READ_AND_APPEND), 'rb') as file:
         return file.read()
-
-
-def _opened_file(path: Path, flags: int = 0) -> int:
-    """Open a regular file for reading and appending; nothing else, which might wait."""
-    descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_NONBLOCK | flags, 0o644)
-    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-        os.close(descriptor)
-        raise OSError(f'{path}: is no regular file')
-    return descriptor
 
 
 def _taken(path: Path, flags: int = 0) -> int:
     """Open a file that this process alone has until it closes it."""
-    descriptor = _opened_file(path, flags)
+    descriptor = opened_file(path, READ_AND_APPEND | flags)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         if not os.path.samestat(os.fstat(descriptor), os.stat(path)):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import stat
 import tempfile
 import warnings
 from pathlib import Path
@@ -16,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from uav_mission_manager.paths import opened_file
 from uav_mission_manager.solver import memory
 
 CHUNK_BYTES = 1 << 20
@@ -23,21 +23,6 @@ CHUNK_BYTES = 1 << 20
 
 MEMORY_DIVISOR = 2
 """A copy in memory takes one part in so many of what is free: a choice, the rest is for others."""
-
-
-def opened_file(path: Path, flags: int = os.O_RDONLY) -> int:
-    """Return a descriptor of a regular file: a pipe or a device may let its reader wait for ever.
-
-    Raises
-    ------
-    OSError
-        If it is none, or cannot be opened.
-    """
-    descriptor = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
-    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-        os.close(descriptor)
-        raise OSError(f'{path}: is no regular file')
-    return descriptor
 
 
 def private_copy(file: Path) -> tuple[NDArray[np.uint8], str]:

@@ -23,8 +23,9 @@ from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.mdp import Mission, MissionError, mission_from_dict
 from uav_mission_manager.mdp.arrays import AnyArray
 from uav_mission_manager.mdp.fields import numbers
+from uav_mission_manager.paths import opened_file
 from uav_mission_manager.policy.certificate import Certificate
-from uav_mission_manager.policy.private_copy import CHUNK_BYTES, opened_file, private_copy
+from uav_mission_manager.policy.private_copy import CHUNK_BYTES, private_copy
 from uav_mission_manager.policy.replacement import taking_the_place_of
 from uav_mission_manager.solver.bounds import LowerBound
 from uav_mission_manager.solver.decomposition.plan import Plan
