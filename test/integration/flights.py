@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import time
+
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from ros_helpers import ROOT, NodeProcess, Ros
 from sensor_msgs.msg import BatteryState
-from std_msgs.msg import MultiArrayDimension, String, UInt8MultiArray
+from std_msgs.msg import Header, MultiArrayDimension, String, UInt8MultiArray
 from visualization_msgs.msg import MarkerArray
 
 from uav_mission_manager import load_mission
@@ -33,6 +35,8 @@ class Flight:
         self.charge, self.cell, self.fault = 0.9, 0, 'nominal'
         self.health = BatteryState.POWER_SUPPLY_HEALTH_UNKNOWN
         self.silent = False
+        self.stamp_offsets: dict[str, float] = {}
+        """How old [s] the stamps of a topic are; without an entry there are none."""
         ros.advertise('goal_priorities', UInt8MultiArray, qos.STATE_IN)
         ros.advertise('goal_completed', String, qos.EVENT)
         ros.advertise('goal_refused', String, qos.EVENT)
@@ -51,7 +55,9 @@ class Flight:
     def _battery(self) -> BatteryState | None:
         if self.silent:
             return None
-        return BatteryState(percentage=self.charge, power_supply_health=self.health)
+        message = BatteryState(percentage=self.charge, power_supply_health=self.health)
+        self._stamp(message.header, 'battery_state')
+        return message
 
     def _odometry(self) -> Odometry | None:
         if self.silent:
@@ -60,7 +66,13 @@ class Flight:
         message.header.frame_id = 'map'
         position = message.pose.pose.position
         position.x, position.y = self.grid.position(self.cell)
+        self._stamp(message.header, 'odom')
         return message
+
+    def _stamp(self, header: Header, topic: str) -> None:
+        if topic in self.stamp_offsets:
+            nanoseconds = time.time_ns() - round(self.stamp_offsets[topic] * 1e9)
+            header.stamp.sec, header.stamp.nanosec = divmod(nanoseconds, 10**9)
 
     def _fault(self) -> String | None:
         return None if self.silent else String(data=self.fault)
@@ -91,6 +103,15 @@ class Flight:
 
         self.ros.until(known, f'threat {level}')
 
+    def until_threat_counts(self, level: int) -> None:
+        """Wait for a decision with t in its state."""
+
+        def counts() -> bool:
+            state = self.decision().get('state', '').split()
+            return bool(state) and state[-2] == str(level)
+
+        self.ros.until(counts, f'threat {level}')
+
     def complete(self, goal: str) -> None:
         self.ros.publish('goal_completed', String(data=goal), qos.EVENT)
 
@@ -118,7 +139,8 @@ class Flight:
         )
 
     def decision(self) -> dict[str, str]:
-        return {pair.key: pair.value for pair in self.decisions[-1].status[0].values}
+        values = self.decisions[-1].status[0].values if self.decisions else ()
+        return {pair.key: pair.value for pair in values}
 
     def diagnosis(self, part: str) -> DiagnosticStatus:
         status = {s.name.rsplit(' ', 1)[-1]: s for s in self.diagnostics[-1].status}

@@ -6,22 +6,17 @@ import sys
 from collections.abc import Callable
 from dataclasses import fields
 from functools import partial
-from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
-from std_msgs.msg import Header, String, UInt8MultiArray
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from visualization_msgs.msg import MarkerArray
 
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import THREAT_LEVELS
 from uav_mission_manager.nodes import qos, reporting
 from uav_mission_manager.nodes.background import LatestOnly, SupersededError
 from uav_mission_manager.nodes.clocks import ClockWatch, safety_clock, seconds
+from uav_mission_manager.nodes.command_outputs import CommandOutputs
 from uav_mission_manager.nodes.complaints import Complaints
 from uav_mission_manager.nodes.failures import START_ERRORS, one_line
 from uav_mission_manager.nodes.lifecycle import AUTOSTART, ManagedNode
@@ -125,15 +120,12 @@ class Manager(ManagedNode):
         found = recollect(self._journal, self._asked, settings)
         self._core, self._used, self._trouble = found.core, found.used, found.trouble
         self._outcome: Decision | Refusal = Refusal('no decision yet')
-        self._command: str | None = None
-        self._destination: int | None = None
-        self._goals: tuple[int, ...] = ()
         # Lambdas, as rclpy wants a place in the code for each severity.
         self._complaints = Complaints(lambda text: self.get_logger().warning(text))
         self._warnings = Complaints(lambda text: self.get_logger().warning(text))
         self._silences = Complaints(lambda text: self.get_logger().error(text))
         self._loading = LatestOnly(self)
-        self._create_outputs()
+        self._outputs = CommandOutputs(self)
         self._create_inputs()
         self.get_logger().info(f'policy {self._label}')
         if self._trouble:
@@ -145,19 +137,6 @@ class Manager(ManagedNode):
         """Leave the journal to the next one."""
         if self._journal is not None:
             self._journal.close()
-
-    def _create_outputs(self) -> None:
-        def output(kind: Any, topic: str, profile: QoSProfile = qos.LATCHED) -> Publisher:
-            return self.create_publisher(
-                kind, topic, profile, qos_overriding_options=qos.OVERRIDABLE
-            )
-
-        self._command_out = output(String, 'mission_command')
-        self._pose_out = output(PoseStamped, 'command_pose')
-        self._goals_out = output(UInt8MultiArray, 'goal_states')
-        self._decision_out = output(DiagnosticArray, '~/decision')
-        self._markers_out = output(MarkerArray, '~/markers')
-        self._diagnostics_out = output(DiagnosticArray, '/diagnostics', qos.RELIABLE)
 
     def _create_inputs(self) -> None:
         p = self._settings
@@ -202,20 +181,23 @@ class Manager(ManagedNode):
         now = seconds(self._steady)
         if self._presence.silent or self._waits(now):
             return
-        before, outcome = self._outcome, self._core.step(now)
-        self._outcome = outcome
+        core, before = self._core, self._outcome
+        self._outcome = outcome = core.step(now)
         self._remember()
-        self._publish_goals(repeat)
+        if self._knows_what_is_wanted:
+            self._outputs.goals(core.situation.priorities, repeat)
         if isinstance(outcome, Refusal):
-            changed = self._command is not None
-            self._command = self._destination = None
+            changed = self._outputs.silence()
             if changed or repeat:
                 self._tell_silence(outcome)
         else:
-            self._send(outcome, repeat)
+            if self._outputs.command(core.policy.mission, outcome, repeat):
+                command = format_command(core.policy.mission, outcome.action)
+                self.get_logger().info(f'{command}: {outcome.reason}')
+            self._silences.settle('command')
             changed = isinstance(before, Refusal) or _key(before) != _key(outcome)
         if changed or repeat:
-            self._explain()
+            self._outputs.explain(outcome, core.situation, now, core.policy.digest)
 
     def _waits(self, now: float) -> bool:
         """Whether what was wanted before may have been cancelled, and that not heard yet."""
@@ -238,46 +220,11 @@ class Manager(ManagedNode):
             state = {'policy': self._used.as_record(), 'memory': self._core.memory}
             self._journal.write(state)
 
-    def _publish_goals(self, repeat: bool) -> None:
-        """Publish what is wanted, before what follows from it."""
-        priorities = self._core.situation.priorities
-        if self._knows_what_is_wanted and (repeat or priorities != self._goals):
-            self._goals = priorities
-            self._goals_out.publish(UInt8MultiArray(data=priorities))
-
-    def _send(self, decision: Decision, repeat: bool) -> None:
-        mission, action = self._core.policy.mission, decision.action
-        command = format_command(mission, action)
-        changed = command != self._command
-        if not (changed or repeat):
-            return
-        if repeat or action.destination != self._destination:
-            stamp = self.get_clock().now().to_msg()
-            self._pose_out.publish(reporting.cell_pose(mission.grid, action.destination, stamp))
-        self._command_out.publish(String(data=command))
-        self._command, self._destination = command, action.destination
-        if changed:
-            self.get_logger().info(f'{command}: {decision.reason}')
-        self._silences.settle('command')
-
     def _tell_silence(self, refusal: Refusal) -> None:
         if not self._knows_what_is_wanted:
             self.get_logger().info('waits for goal priorities', once=True)
         elif not self._silences.current:  # Its words change with the ages in it.
             self._silences.add('command', f'{refusal.reason}: no command until it is back')
-
-    def _explain(self) -> None:
-        stamp, situation = self.get_clock().now().to_msg(), self._core.situation
-        status = reporting.decision_status(
-            f'{self.get_fully_qualified_name()}: decision',
-            self._outcome,
-            situation,
-            seconds(self._steady),
-            self._used.policy.digest,
-        )
-        target = None if isinstance(self._outcome, Refusal) else self._outcome.action.destination
-        self._decision_out.publish(DiagnosticArray(header=Header(stamp=stamp), status=[status]))
-        self._markers_out.publish(reporting.markers(situation, target, stamp))
 
     def _diagnose(self) -> None:
         situation = self._core.situation
@@ -290,7 +237,7 @@ class Manager(ManagedNode):
             self._trouble = ''  # Whatever was forgotten.
         statuses = reporting.manager_health(
             self.get_fully_qualified_name(),
-            (shown(self._used.path), self._used.policy),
+            (shown(self._used.path), self._core.policy),
             self._outcome,
             situation,
             self._complaints.current,
@@ -298,8 +245,7 @@ class Manager(ManagedNode):
             seconds(self._steady),
             self._settings.input_timeout,
         )
-        stamp = self.get_clock().now().to_msg()
-        self._diagnostics_out.publish(DiagnosticArray(header=Header(stamp=stamp), status=statuses))
+        self._outputs.diagnose(statuses)
 
     async def _take_over(self, path: str) -> str:
         """Fly on with the policy set in `path`; return why not, or an empty string."""
@@ -307,6 +253,8 @@ class Manager(ManagedNode):
         try:
             load = partial(load_policy, path, core.policy.mission)
             policy = await self._loading.run(load)
+            if not self.active or core is not self._core:
+                return 'deactivated meanwhile'
             core.adopt(policy)
         except SupersededError as error:
             return str(error)
@@ -331,6 +279,7 @@ class Manager(ManagedNode):
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._core.reset_goals()
+        self._waits_until = 0.0  # This is what is wanted by now.
         self.get_logger().info('goals reset')
         self._step(repeat=True)
         response.success, response.message = True, 'all priorities 0, no commitment'

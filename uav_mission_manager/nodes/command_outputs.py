@@ -1,0 +1,81 @@
+"""What the manager publishes: goals, command and pose, and after them why."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from std_msgs.msg import Header, String, UInt8MultiArray
+from visualization_msgs.msg import MarkerArray
+
+from uav_mission_manager.mdp import Mission
+from uav_mission_manager.nodes import qos, reporting
+from uav_mission_manager.onboard import Refusal, Situation, format_command
+from uav_mission_manager.policy import Decision
+
+
+class CommandOutputs:
+    """Publishes what changed, or everything when it is time to repeat it."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._command = ''
+        self._destination: int | None = None
+        self._goals: tuple[int, ...] = ()
+        self._command_out = self._output(String, 'mission_command')
+        self._pose_out = self._output(PoseStamped, 'command_pose')
+        self._goals_out = self._output(UInt8MultiArray, 'goal_states')
+        self._decision_out = self._output(DiagnosticArray, '~/decision')
+        self._markers_out = self._output(MarkerArray, '~/markers')
+        self._diagnostics_out = self._output(DiagnosticArray, '/diagnostics', qos.RELIABLE)
+
+    def _output(self, kind: Any, topic: str, profile: QoSProfile = qos.LATCHED) -> Publisher:
+        return self._node.create_publisher(
+            kind, topic, profile, qos_overriding_options=qos.OVERRIDABLE
+        )
+
+    def _header(self) -> Header:
+        return Header(stamp=self._node.get_clock().now().to_msg())
+
+    def goals(self, priorities: tuple[int, ...], repeat: bool) -> None:
+        """Publish what is wanted; call it before the command that follows from it."""
+        if repeat or priorities != self._goals:
+            self._goals = priorities
+            self._goals_out.publish(UInt8MultiArray(data=priorities))
+
+    def command(self, mission: Mission, decision: Decision, repeat: bool) -> bool:
+        """Publish a decision's command, and where it leads before it; return if it is new."""
+        action, command = decision.action, format_command(mission, decision.action)
+        changed = command != self._command
+        if repeat or changed:
+            if repeat or action.destination != self._destination:
+                pose = reporting.cell_pose(mission.grid, action.destination, self._header().stamp)
+                self._pose_out.publish(pose)
+            self._command_out.publish(String(data=command))
+            self._command, self._destination = command, action.destination
+        return changed
+
+    def silence(self) -> bool:
+        """Publish no command; return if there was one before."""
+        changed = bool(self._command)
+        self._command, self._destination = '', None
+        return changed
+
+    def explain(
+        self, outcome: Decision | Refusal, situation: Situation, now: float, digest: str
+    ) -> None:
+        """Publish why it was decided so, and the markers."""
+        header, name = self._header(), f'{self._node.get_fully_qualified_name()}: decision'
+        status = reporting.decision_status(name, outcome, situation, now, digest)
+        target = None if isinstance(outcome, Refusal) else outcome.action.destination
+        self._decision_out.publish(DiagnosticArray(header=header, status=[status]))
+        self._markers_out.publish(reporting.markers(situation, target, header.stamp))
+
+    def diagnose(self, statuses: Sequence[DiagnosticStatus]) -> None:
+        """Publish how the node is."""
+        self._diagnostics_out.publish(DiagnosticArray(header=self._header(), status=statuses))
