@@ -192,7 +192,7 @@ class ManagerProcess(Process):
         self.core = MissionManager(self._policies[self._policy], MANAGER_SETTINGS, memory['core'])
         self._decide_at = self._repeat_at = -math.inf
         self._command, self._goals = '', ()
-        self.problem = ''
+        self.problem = self._complaint = ''
 
     def work(self) -> None:
         """Hear, decide, command."""
@@ -267,7 +267,9 @@ class ManagerProcess(Process):
                 self.watch.note('manager', warning)
         except InputError as error:
             self.watch.counts[f'refused: {topic}'] += 1
-            self.watch.note('manager', str(error))
+            if topic != self._complaint:
+                self.watch.note('manager', str(error))
+            self._complaint = topic
 
 
 class StationProcess(Process):

@@ -100,7 +100,7 @@ class Invariants:
         self._boot_time = 0
         self._yields = self._sees = False  # the bridge has seen someone else in command; just now
         self._ordered_mode: float | None = None
-        self._held = False
+        self._held = self._guided_gives = False
         self._short_since: float | None = None
         self._off_grid = self._was_blown = False
         self._blown_at = self._troubled_at = -math.inf
@@ -120,8 +120,9 @@ class Invariants:
         self.wishes.ask(priorities)
 
     def bridge_started(self, doubt: str) -> None:
-        """Without a journal to believe, it is held until ~/resume."""
+        """Without a journal to believe, it is held until ~/resume; GUIDED gives command to it."""
         self._held = self._held or bool(doubt)
+        self._guided_gives = bool(doubt)
 
     def held(self, taken: bool) -> None:
         """Take note of ~/hold, and whether it was taken."""
@@ -132,7 +133,7 @@ class Invariants:
         """Take note of ~/resume; return what to take back if it is not taken."""
         before = self._held, self._yields or self._sees, self.day.vehicle.foreign
         self.day.vehicle.foreign = None
-        self._held = self._yields = self._sees = False
+        self._held = self._yields = self._sees = self._guided_gives = False
         self._cancelled_at = self.day.now
         return before
 
@@ -182,6 +183,8 @@ class Invariants:
     def _see_mode(self, message: Any) -> None:
         foreign = self.day.vehicle.foreign
         armed = message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+        if foreign == SimulatedMode.GUIDED == message.custom_mode and self._guided_gives:
+            self._yields = False
         if foreign in (None, SimulatedMode.GUIDED, self._ordered_mode):
             return  # In a mode of the bridge's own nobody can tell.
         if armed and message.custom_mode == foreign:
