@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 import rclpy
+from flights import SHIPPED, Flight
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.executors import SingleThreadedExecutor
@@ -13,6 +16,7 @@ from ros_helpers import Ros
 from std_msgs.msg import String
 
 from uav_mission_manager.nodes import qos
+from uav_mission_manager.nodes.ending import ENDING_SIGNALS
 from uav_mission_manager.nodes.lifecycle import AUTOSTART, ManagedNode
 from uav_mission_manager.nodes.parameters import declare
 
@@ -74,10 +78,10 @@ def probe(ros: Ros) -> Iterator[Callable[..., Probe]]:
     rclpy.try_shutdown()
 
 
-def change(ros: Ros, *transitions: int) -> list[bool]:
+def change(ros: Ros, *transitions: int, node: str = 'probe') -> list[bool]:
     return [
         ros.call(
-            'probe/change_state',
+            f'{node}/change_state',
             ChangeState.Request(transition=Transition(id=transition)),
             ChangeState,
         ).success
@@ -213,3 +217,49 @@ def test_the_end_of_a_node_undoes_what_it_has_begun(ros: Ros, probe: Callable[..
     node = probe(autostart=True)
     node.destroy_node()
     assert node.done == ['configure', 'activate', 'deactivate', 'cleanup']
+
+
+def test_a_manager_commands_while_it_is_active(ros: Ros) -> None:
+    flight = Flight(ros)
+    manager = flight.start('-p', 'autostart:=false')
+    ros.spin(1.0)
+    assert flight.diagnostics == []
+    assert change(ros, *UP, node='manager') == [True, True]
+    flight.until_asked([2, 0, 0], 'a')
+    flight.until_command('commit goal1 normal')
+    assert change(ros, DOWN[0], node='manager') == [True]
+    ros.spin(1.0)  # What was under way.
+    said = len(flight.commands)
+    late = ros.listen('mission_command', String, qos.LATCHED)
+    ros.spin(2.0)
+    assert (len(flight.commands), late) == (said, [])
+    flight.commands.clear()
+    assert change(ros, *DOWN[1:], *UP, node='manager') == [True, True, True]
+    ros.until(lambda: flight.commands, 'a command')
+    assert flight.commands[0].data == 'commit goal1 normal'
+    assert manager.lines('WARN') == manager.lines('threat_level: never heard')
+
+
+def test_a_manager_that_cannot_be_configured_says_why_and_may_be_later(
+    ros: Ros, tmp_path: Path
+) -> None:
+    manager = ros.start(
+        'nodes.manager', '--ros-args', '-p', f'policy:={tmp_path}/p', '-p', 'autostart:=false'
+    )
+    assert change(ros, UP[0], node='manager') == [False]
+    [line] = manager.lines('ERROR')
+    assert f'{tmp_path}/p' in line
+    shutil.copytree(SHIPPED, tmp_path / 'p')
+    assert change(ros, *UP, node='manager') == [True, True]
+
+
+@pytest.mark.parametrize('number', ENDING_SIGNALS)
+@pytest.mark.parametrize('transitions', [[], UP[:1], [*UP, DOWN[0]], [*UP, *DOWN]])
+def test_a_signal_ends_a_manager_in_every_state(
+    ros: Ros, transitions: list[int], number: int
+) -> None:
+    manager = Flight(ros).start('-p', 'autostart:=false')
+    assert all(change(ros, *transitions, node='manager'))
+    ros.until(lambda: 'manager' in ros.node.get_node_names(), 'the node')
+    assert manager.stop(number) == 0
+    assert 'Traceback' not in manager.output

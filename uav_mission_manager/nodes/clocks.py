@@ -26,7 +26,7 @@ TOLD_TIME = 60.0
 """Time [s] for which a jump is told: a choice, for a person to see it."""
 
 
-def safety_clock(*_: object) -> Clock:
+def safety_clock() -> Clock:
     """Return the clock of timers and time-outs: it cannot be set, and no simulation stops it."""
     return Clock(clock_type=ClockType.STEADY_TIME)
 

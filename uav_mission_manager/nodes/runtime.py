@@ -16,7 +16,6 @@ from rclpy.logging import LoggingSeverity, get_logger, set_logger_level
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from uav_mission_manager.nodes.clocks import safety_clock as safety_clock
 from uav_mission_manager.nodes.ending import ENDING
 from uav_mission_manager.nodes.failures import START_ERRORS, FatalError, one_line
 from uav_mission_manager.nodes.lifecycle import ManagedNode
