@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 
 import pytest
 from bridge_crew import ARM, GOAL2, SERVICE, Chain, Dummy, crews
+from diagnostic_msgs.msg import DiagnosticStatus
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from ros_helpers import Ros
 
@@ -106,7 +108,17 @@ def test_a_journal_of_another_mission_is_still_about_this_vehicle(dummy, ros, tm
     assert flight.bridge.lines('goes on from its journal of another mission')
 
 
-def test_a_journal_that_cannot_be_written_is_told(dummy, ros):
+def test_a_journal_that_is_gone_is_told(dummy, ros):
+    flight = dummy()
+    flight.until(lambda: flight.odom, 'telemetry')
+    [journal] = ros.folder.rglob('mavlink_bridge.journal')
+    shutil.rmtree(journal.parent)
+    assert ros.call('mavlink_bridge/hold').success
+    flight.until(lambda: 'mavlink_bridge.journal: not' in flight.status.message, 'a word about it')
+    assert flight.status.level == DiagnosticStatus.WARN
+
+
+def test_a_place_where_no_journal_can_be_is_refused_in_one_line(dummy, ros):
     flight = dummy()
     flight.until(lambda: flight.odom, 'telemetry')
     [journal] = ros.folder.rglob('mavlink_bridge.journal')

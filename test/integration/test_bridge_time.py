@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from types import SimpleNamespace
 
@@ -16,6 +17,7 @@ from std_msgs.msg import String, UInt8MultiArray
 
 from uav_mission_manager.mdp import load_mission
 from uav_mission_manager.nodes import qos
+from uav_mission_manager.nodes.complaints import Complaints
 from uav_mission_manager.nodes.flight_plan import FlightPlan
 from uav_mission_manager.nodes.manager_inputs import ManagerInputs
 
@@ -88,10 +90,24 @@ def test_a_clock_ahead_is_as_suspect_as_one_behind(hearing, sent, why):
 def test_the_stamp_of_the_pose_counts(hearing, posed):
     hearing.hear(posed=posed)
     assert hearing.tasks == []
-    assert all('command_pose: stamped 60.0 s' in text for text in hearing.inputs.complaints)
+    assert all('command_pose: stamped 6' in text for text in hearing.inputs.complaints)
     assert len(hearing.inputs.complaints) == 2
     hearing.hear(posed=0.0)
     assert hearing.tasks == [COMMAND] * 2
+
+
+def test_a_complaint_that_goes_on_is_said_once(hearing):
+    lines: list[str] = []
+    clock = itertools.count(0.0, 10.0)
+    hearing.inputs._complaints = Complaints(lines.append, lambda: next(clock))
+    info = {'received_timestamp': 10**18, 'source_timestamp': 10**18}
+    for _ in range(3):
+        hearing.inputs._on_command(String(data='commit nothing normal'), info)
+        hearing.inputs._complaints.flush()
+    assert len(lines) == 1
+    assert len(hearing.inputs.complaints) == 1
+    hearing.hear()
+    assert hearing.inputs.complaints == ()
 
 
 def ticking(ros: Ros) -> Callable[[float], None]:

@@ -90,6 +90,7 @@ class ManagerInputs:
 
     def _on_goals(self, message: UInt8MultiArray, info: dict[str, int]) -> None:
         if not self._trouble('goal_states', *_times(info)):
+            self._complaints.settle('goal_states')
             self._pilot.goals_wanted, self._goals_at = any(message.data), self._now()
 
     def _on_pose(self, message: PoseStamped) -> None:
@@ -97,6 +98,8 @@ class ManagerInputs:
             return
         stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
         self._pose_trouble = self._trouble('command_pose', stamp, seconds(self._node.get_clock()))
+        if not self._pose_trouble:
+            self._complaints.settle('command_pose')
         grid, point = self._mission.grid, message.pose.position
         inside = not self._pose_trouble and grid.contains(point.x, point.y)
         self._pose_cell = grid.cell_at(point.x, point.y) if inside else None
@@ -114,6 +117,7 @@ class ManagerInputs:
         now = self._now()
         posed = not self._old(self._posed_at, now)
         if self._pose_cell == action.destination if posed else repeated:
+            self._complaints.settle('mission_command')
             self.command, self._commanded_at = message.data, now
             self._pilot.command(self._plan.task(action, message.data), now)
         elif repeated:  # Else the pose may still be on its way.
@@ -130,7 +134,6 @@ class ManagerInputs:
             stamp_age(topic, stamp, clock, self._timeout)
         except InputError as error:
             return self._complain(topic, f'{error}; {what}ignored')
-        self._complaints.settle(topic)
         return ''
 
     def _complain(self, topic: str, text: str) -> str:
