@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from flights import Flight
+from rcl_interfaces.srv import GetParameters
 from ros_helpers import NodeProcess, Ros
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState
@@ -176,6 +177,22 @@ def test_a_policy_set_that_is_a_pipe_holds_up_nothing(
     ros.until(lambda: manager.lines('no regular file'), 'the refusal')
     assert ros.call('manager/reload_policy').success
     flight.until_command('commit goal1 normal')
+
+
+def test_the_quality_of_service_of_one_topic_is_not_another_one_s(
+    ros: Ros, flight: Flight
+) -> None:
+    """rclpy writes what overrides a topic's profile into the profile that it is given."""
+    name = 'qos_overrides./{}.subscription.depth'
+    flight.start('-p', f'{name.format("battery_state")}:=7')
+    ros.until(lambda: flight.diagnostics, 'the start')
+    topics = 'battery_state', 'odom'
+    answer = ros.call(
+        'manager/get_parameters',
+        GetParameters.Request(names=[name.format(topic) for topic in topics]),
+        GetParameters,
+    )
+    assert [value.integer_value for value in answer.values] == [7, 5]
 
 
 def test_simulated_time_that_jumps_or_stands_is_said(ros: Ros, flight: Flight) -> None:

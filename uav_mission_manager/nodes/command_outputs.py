@@ -34,9 +34,9 @@ class CommandOutputs:
         self._markers_out = self._output(MarkerArray, '~/markers')
         self._diagnostics_out = self._output(DiagnosticArray, '/diagnostics', qos.RELIABLE)
 
-    def _output(self, kind: Any, topic: str, profile: QoSProfile = qos.LATCHED) -> Publisher:
+    def _output(self, kind: Any, topic: str, profile: QoSProfile | None = None) -> Publisher:
         return self._node.create_publisher(
-            kind, topic, profile, qos_overriding_options=qos.OVERRIDABLE
+            kind, topic, profile or qos.LATCHED, qos_overriding_options=qos.OVERRIDABLE
         )
 
     def _header(self) -> Header:
