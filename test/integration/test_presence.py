@@ -134,9 +134,9 @@ def test_what_is_no_presence_is_said_and_ends_nothing(ros: Ros, text: str) -> No
 
 
 def test_an_older_manager_elsewhere_is_given_way_to(ros: Ros) -> None:
-    goals = ros.listen('goal_states', UInt8MultiArray, qos.LATCHED)
+    heard = ros.listen('presence/manager', String, qos.EVENT)
     manager = start(ros, 'manager')
-    ros.until(lambda: goals, 'goal_states')
+    ros.until(lambda: heard, 'presence')
     # Its own name is not another one: nothing but an older stranger ends it.
     ros.publish('presence/manager', String(data='stranger 0.0'), qos.EVENT)
     ros.until(lambda: manager.lines('a second manager in /: stranger'), 'a warning')
