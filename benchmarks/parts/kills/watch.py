@@ -41,7 +41,7 @@ class Watch:
     wanted : list of int
         Priority of each goal asked for and not achieved yet.
     asking : bool
-        Whether a request is under way: it, or the one before, may be in force.
+        Whether a request is under way.
     requests : int
         How often the base station was asked and has not been heard to repeat it.
     held, taken : bool
@@ -59,6 +59,8 @@ class Watch:
         self.wanted = list(chain.given) or [0] * len(self.goals)
         self.asking = self.held = self.taken = self.resuming = False
         self.broken, self.requests = '', 0
+        self._asked: tuple[int, ...] = ()
+        self._perhaps_done: set[int] = set()
         self.violations: list[str] = []
         self.counts: Counter[str] = Counter()
         self.command = self.fault = self.request = ''
@@ -97,13 +99,18 @@ class Watch:
 
     # What people do
 
+    def begin(self, values: tuple[int, ...]) -> None:
+        """Count goals as being asked for: they, or those before, may be in force."""
+        self.asking, self.requests, self._asked = True, 0, values
+        self._perhaps_done = set()
+
     def ask(self, values: tuple[int, ...]) -> None:
-        """Count goals as asked for anew."""
+        """Count goals as asked for; what was completed meanwhile may have been that already."""
         self._unwanted(any(values))
-        for goal, value in enumerate(values):
+        self.wanted = [0 if g in self._perhaps_done else v for g, v in enumerate(values)]
+        for goal, value in enumerate(self.wanted):
             if not value:
                 self._unwanted_since[goal] = self.now
-        self.wanted = list(values)
 
     def _unwanted(self, still: bool) -> None:
         if any(self.wanted) and not still:
@@ -164,7 +171,10 @@ class Watch:
         if label != self.request:
             if not self.requests and self.request:
                 self.violate(f'request {self.request} becomes {label}, nobody asked')
-            self.request, self.requests = label, max(self.requests - 1, 0)
+            if self.requests:
+                self.requests -= 1
+                self.ask(self._asked)
+            self.request = label
             self.counts['requests'] += 1
 
     def _on_states(self, message: UInt8MultiArray) -> None:
@@ -179,6 +189,8 @@ class Watch:
 
     def _on_completed(self, message: String) -> None:
         goal = self.goals.index(message.data)
+        if self.asking:
+            self._perhaps_done.add(goal)
         if self.wanted[goal]:
             self.counts['goals done'] += 1
             self.wanted[goal] = 0
@@ -191,6 +203,8 @@ class Watch:
 
     def _known(self, goal: int) -> bool:
         """Whether the manager has had the time to hear that a goal is not wanted."""
+        if goal in self._perhaps_done:
+            return False
         since = max(self._unwanted_since[goal], self._manager_since)
         near = self.chain.far_from(self.chain.mission.goals[goal].cell) < NEAR
         return self.now - since > (REPEAT_TIME if near else EFFECT_TIME)
