@@ -63,7 +63,8 @@ BLOWN_SPEED = 9.0
 5 m/s it flies with."""
 
 BLOWN_TIME = 30.0
-"""Time [s] after such a wind in which the vehicle may still be carried: a choice."""
+"""Time [s] after such a wind, or without a position, in which the vehicle may have been carried: a
+choice."""
 
 GRID_MARGIN = 20.0
 """How far [m] off the grid a vehicle in no wind may be: a choice, to turn around."""
@@ -282,7 +283,7 @@ class Invariants:
         for goal, cell in self._goals.items():
             far = day.vehicle.distance(day.mission.grid, cell) > 25.0
             self._away[goal] = self._away.get(goal, False) or (far and day.vehicle.airborne)
-        if wind > BLOWN_SPEED:
+        if wind > BLOWN_SPEED or not flight.position_ok:
             self._blown_at = day.now
         east, north = day.vehicle.place
         outside = day.vehicle.off_grid(day.mission.grid) > GRID_MARGIN
