@@ -7,6 +7,8 @@ import re
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 
+from uav_mission_manager.echo import shown
+
 START_ERRORS = (
     ValueError,
     OSError,
@@ -28,11 +30,11 @@ class FatalError(Exception):
 
 def one_line(error: Exception) -> str:
     """Return what an error says in one line, without places in the source of ROS."""
-    if isinstance(error, rclpy_implementation.UnknownROSArgsError):
-        return f'unknown ROS arguments: {error}'
     text = re.sub(r',? at /\S+:\d+', '', ' '.join(str(error).split()))
-    if isinstance(error, MemoryError):
+    if isinstance(error, rclpy_implementation.UnknownROSArgsError):
+        text = f'unknown ROS arguments: {text}'
+    elif isinstance(error, MemoryError):
         text = f'not enough memory. {text}'
     elif not isinstance(error, (*START_ERRORS, FatalError)):
         text = f'{type(error).__name__}: {text}'  # A fault of this package.
-    return text[:LONGEST_LINE] or type(error).__name__
+    return shown(text, LONGEST_LINE) or type(error).__name__
