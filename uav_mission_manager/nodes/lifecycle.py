@@ -66,10 +66,12 @@ class ManagedNode(LifecycleNode):
 
     def start(self) -> None:
         """Configure and activate where `AUTOSTART` says so; raises what they raise."""
-        if self.get_parameter(AUTOSTART.name).value:
-            for trigger in self.trigger_configure, self.trigger_activate:
-                if trigger() != SUCCESS and self._failure is not None:
-                    raise self._failure
+        if not self.get_parameter(AUTOSTART.name).value:
+            self.get_logger().info('unconfigured: waits for `ros2 lifecycle set`')
+            return
+        for trigger in self.trigger_configure, self.trigger_activate:
+            if trigger() != SUCCESS and self._failure is not None:
+                raise self._failure
 
     def destroy_node(self) -> None:
         """Undo what the node has begun, too."""
