@@ -42,6 +42,8 @@ RETRY_PERIOD = 1.0
 READ_AND_APPEND = os.O_RDWR | os.O_APPEND
 """How a journal is opened."""
 
+_ENCODER = json.JSONEncoder(sort_keys=True)
+
 
 class JournalError(ValueError):
     """A journal that cannot be believed: one line naming the file and what is wrong."""
@@ -163,7 +165,7 @@ class Journal:
             'mission': self.mission,
             'state': dict(state),
         }
-        return _with_checksum(json.dumps(fields, sort_keys=True).encode())
+        return _with_checksum(_ENCODER.encode(fields).encode())
 
     def _open(self, line: bytes) -> None:
         """Take the file, up to its last whole line; if there is none, make one of `line`."""

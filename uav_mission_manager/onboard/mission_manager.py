@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from uav_mission_manager.mdp import THREAT_LEVELS, Mission, global_actions
@@ -137,9 +137,10 @@ class MissionManager:
     def memory(self) -> dict[str, Any]:
         """What another one needs to go on from here, as JSON values."""
         command = self._standing and {
-            **asdict(self._standing),
             'action': self._standing.action.number,
+            'until': self._standing.until,
             'dangers': sorted(self._standing.dangers),
+            'wanted': self._standing.wanted,
         }
         return {'situation': situation_memory(self.situation), 'command': command}
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import reduce
+from functools import cached_property, reduce
 
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, Action, Energy, Mission
@@ -202,6 +202,8 @@ class Situation:
 
     def after(self, action: Action) -> Situation:
         """Continue with c' and m' of a decided action."""
+        if (action.commitment, action.agile) == (self.commitment, self.agile):
+            return self
         return replace(self, commitment=action.commitment, agile=action.agile)
 
     def settled(self, now: float) -> Situation:
@@ -255,7 +257,7 @@ class Situation:
         goals = zip(self.mission.goals, self.refused)
         return tuple(goal.name for goal, refused in goals if refused)
 
-    @property
+    @cached_property
     def off_grid(self) -> str:
         """How far the position is off the grid, in words; '' where it is not."""
         away = 0.0 if self.position is None else off_grid(self.mission.grid, self.position)
@@ -266,7 +268,7 @@ class Situation:
         """Whether a position off the grid may still be the vehicle's."""
         return self.position is not None and strayed(self.mission.grid, self.position)
 
-    @property
+    @cached_property
     def warnings(self) -> tuple[str, ...]:
         """What is unknown or counts as worse than it is measured to be, one line each."""
         until = 'counted as out of range until priorities are asked for anew'
