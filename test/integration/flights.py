@@ -98,8 +98,7 @@ class Flight:
 
         def known() -> bool:
             self.threat(level)
-            values = self.diagnosis('inputs').values if self.diagnostics else ()
-            return any(pair.key == 'threat_level' for pair in values)
+            return any(p.key == 'threat_level' for p in self.diagnosis('inputs').values)
 
         self.ros.until(known, f'threat {level}')
 
@@ -143,13 +142,13 @@ class Flight:
         return {pair.key: pair.value for pair in values}
 
     def diagnosis(self, part: str) -> DiagnosticStatus:
-        status = {s.name.rsplit(' ', 1)[-1]: s for s in self.diagnostics[-1].status}
-        return status[part]
+        """Return what the manager said last of a part of it; nothing if it has not yet."""
+        said = (status for message in reversed(self.diagnostics) for status in message.status)
+        mine = (status for status in said if status.name.endswith(f'manager: {part}'))
+        return next(mine, DiagnosticStatus(level=DiagnosticStatus.STALE))
 
     def until_diagnosis(self, part: str, level: bytes, words: str) -> None:
         def seen() -> bool:
-            if not self.diagnostics:
-                return False
             status = self.diagnosis(part)
             return status.level == level and words in status.message
 
