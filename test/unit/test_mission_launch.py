@@ -14,6 +14,7 @@ import pytest
 from uav_mission_manager.paths import share_directory
 
 SHARE = share_directory()
+LAUNCH_FILES = sorted((SHARE / 'launch').glob('*.launch.py'))
 PACKAGES = (
     'launch',
     'launch.actions',
@@ -39,9 +40,14 @@ def stand_ins(monkeypatch):
     sources.PythonLaunchDescriptionSource = lambda path: path
     parameters = sys.modules['launch_ros.parameter_descriptions']
     parameters.ParameterValue = lambda value, value_type: value_type(value)
-    sys.modules['launch.substitutions'].LaunchConfiguration = lambda name: SimpleNamespace(
-        perform=lambda arguments: arguments[name]
-    )
+    used = set()
+
+    def configuration(name: str) -> SimpleNamespace:
+        used.add(name)
+        return SimpleNamespace(perform=lambda arguments: arguments[name])
+
+    sys.modules['launch.substitutions'].LaunchConfiguration = configuration
+    return used
 
 
 @pytest.fixture
@@ -190,6 +196,19 @@ def test_what_the_launch_files_give_to_nodes_are_parameters_of_theirs(bringup):
         assert {bringup['PARAMETER_NAMES'].get(name, name) for name in names} <= known
 
 
-def test_every_launch_file_describes_itself(stand_ins):
-    for path in (SHARE / 'launch').glob('*.launch.py'):
-        runpy.run_path(str(path))['generate_launch_description']()
+@pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda path: path.name)
+def test_a_launch_file_declares_the_arguments_it_uses_and_starts_commands(stand_ins, path):
+    parameters = sys.modules['launch_ros.parameter_descriptions']
+    parameters.ParameterValue = lambda value, value_type: value
+    actions = sys.modules['launch.actions']
+    started = []
+    for place in (actions, sys.modules['launch_ros.actions']):
+        name = 'ExecuteProcess' if place is actions else 'Node'
+        setattr(place, name, lambda **arguments: started.append(arguments))
+    launch_file = runpy.run_path(str(path))
+    launch_file['generate_launch_description']()
+    for call in actions.OpaqueFunction.mock_calls:
+        call.kwargs['function'](defaults(launch_file))
+    assert stand_ins == set(launch_file['ARGUMENTS'])
+    commands = {path.name for path in (SHARE / 'resource' / 'bin').iterdir()}
+    assert {node['executable'] for node in started if 'executable' in node} <= commands

@@ -153,29 +153,10 @@ def test_shim_runs_the_command_in_bin(tmp_path):
 
 
 @pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda path: path.name)
-def test_launch_file_starts_only_commands(path):
-    started = launched_nodes(path).keys() | keywords(path, 'executable')
-    assert started
-    assert started <= commands().keys()
-
-
-@pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda path: path.name)
 def test_launch_file_sets_only_declared_parameters(path):
     for node, parameters in launched_nodes(path).items():
         module = ROOT / PACKAGE / 'nodes' / f'{node}.py'
         assert parameters <= first_arguments(module, 'NodeParameter')
-
-
-@pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda path: path.name)
-def test_launch_file_declares_the_arguments_it_uses(path):
-    module = ast.parse(path.read_text())
-    declared = next(
-        {key.value for key in node.value.keys}
-        for node in module.body
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == 'ARGUMENTS'
-    )
-    used = first_arguments(path, 'LaunchConfiguration') | first_arguments(path, 'argument')
-    assert used == declared
 
 
 def test_share_directory_of_a_source_tree():
@@ -187,12 +168,18 @@ def test_share_directory_of_an_installation(tmp_path):
     site = tmp_path / 'lib' / 'python3' / 'site-packages' / PACKAGE
     share = tmp_path / 'share' / PACKAGE
     site.mkdir(parents=True)
-    (site / 'paths.py').write_text((ROOT / PACKAGE / 'paths.py').read_text())
-    code = 'import runpy; print(runpy.run_path("paths.py")["share_directory"]())'
+    (site / '__init__.py').touch()
+    for name in ('paths.py', 'echo.py'):
+        (site / name).write_text((ROOT / PACKAGE / name).read_text())
+    code = f'from {PACKAGE}.paths import share_directory; print(share_directory())'
 
     def run() -> subprocess.CompletedProcess[str]:
         return subprocess.run(
-            [sys.executable, '-c', code], cwd=site, capture_output=True, text=True, check=False
+            [sys.executable, '-c', code],
+            cwd=site.parent,
+            capture_output=True,
+            text=True,
+            check=False,
         )
 
     assert 'FileNotFoundError' in run().stderr
