@@ -88,7 +88,7 @@ def fly(day, *priorities):
 def restart(day, process, *, forgetful=False):
     day.kill(process)
     process.forgetful = forgetful
-    process.start(day.now)
+    day.start(process)
 
 
 def violates(soak, invariant):

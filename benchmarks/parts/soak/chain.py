@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from parts.soak.processes import LISTENING_TIME, Process
+from parts.soak.processes import LISTENING_TIME, Killed, Process
 from parts.soak.vehicle import Vehicle
 from uav_mission_manager.autopilot.bridge import BridgeStep, VehicleBridge
 from uav_mission_manager.autopilot.faults import FaultEstimator
@@ -117,12 +117,19 @@ class BridgeProcess(Process):
         super().step(now)
 
     def hold(self) -> tuple[bool, str]:
-        """Call ~/hold."""
-        return self.core.hold(self.clock)
+        """Call ~/hold; without an answer it has died."""
+        return self._answer(self.core.hold)
 
     def resume(self) -> tuple[bool, str]:
-        """Call ~/resume."""
-        return self.core.resume(self.clock)
+        """Call ~/resume; without an answer it has died."""
+        return self._answer(self.core.resume)
+
+    def _answer(self, service: Callable[[float], tuple[bool, str]]) -> tuple[bool, str]:
+        try:
+            return service(self.clock)
+        except Killed:
+            self.kill()
+            return False, ''
 
     def work(self) -> None:
         """Hear, decide, ask, tell."""

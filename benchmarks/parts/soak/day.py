@@ -61,6 +61,7 @@ class Day:
         self.invariants = Invariants(self)
         self.every_step: Callable[[], None] = lambda: None
         self._threat_at = 0.0
+        self._dead: set[Process] = set()
         for process in self.processes:
             process.start(0.0)
 
@@ -75,10 +76,8 @@ class Day:
             self._threat_at = self.now + 0.5
             self.bus.threat.publish(self.threat, self.now)
         for process in self.processes:
-            was_up = process.up
             process.step(self.now)
-            if was_up and not process.up:
-                self.died(process)
+            self._notice_death(process)
         if self.bridge.works:
             self.said.append(self.diagnosis)
         self.every_step()
@@ -116,6 +115,7 @@ class Day:
             done, text = self.bridge.hold()
             self.note('people', f'~/hold: {text}')
             self.invariants.held(done or 'holds when' in text)
+            self._notice_death(self.bridge)
 
     def resume(self) -> bool:
         """Call ~/resume; return whether it was taken."""
@@ -124,6 +124,8 @@ class Day:
         before = self.invariants.resumed()
         done, text = self.bridge.resume()
         self.note('people', f'~/resume: {text}')
+        if self._notice_death(self.bridge):  # Nobody knows whether it was taken.
+            return False
         taken = done or 'no heartbeat' not in text
         if not taken:
             self.invariants.not_resumed(before)
@@ -133,9 +135,10 @@ class Day:
         """Let a process die now, or somewhere in its next step."""
         if where:
             process.dies_at = where
-        elif process.up:
+            return
+        if process.up:
             process.kill()
-            self.died(process)
+        self._notice_death(process)
 
     def start(self, process: Process, *, computer_too: bool = False) -> None:
         """Start a process that is dead, or about to die."""
@@ -143,20 +146,25 @@ class Day:
             self.kill(process)
         if process.up:
             return
+        self._dead.discard(process)
         self.note(process.name, 'started')
         process.start(self.now, computer_too=computer_too)
         self.counts['journals not believed'] += bool(process.doubt)
         if process is self.bridge:
             self.invariants.bridge_started(process.doubt)
 
-    def died(self, process: Process) -> None:
-        """Take note of a death."""
+    def _notice_death(self, process: Process) -> bool:
+        """Take note of it if a process has died just now."""
+        if process.up or process in self._dead:
+            return False
+        self._dead.add(process)
         self.counts[f'kills of the {process.name}'] += 1
         self.note(process.name, 'killed')
         if process is self.bridge:
             self.invariants.bridge_died()
         if process is self.manager:
             self.invariants.manager_died()
+        return True
 
     # What is noted
 
