@@ -34,16 +34,18 @@ ARGUMENTS = {
     'connection': ('', 'pymavlink connection string of the bridge'),
     'system': ('', 'MAVLink system id of the vehicle'),
     'allow_arming': ('', 'true: the bridge may arm and take off'),
+    'state_dir': ('', 'folder in which the nodes keep what the next ones have to know'),
 }
 BOOLEANS = {'true': True, 'false': False}
 NODES = {
-    'base_station': {'mission': str, 'use_sim_time': bool},
-    'manager': {'policy': str, 'autostart': bool, 'use_sim_time': bool},
+    'base_station': {'mission': str, 'state_dir': str, 'use_sim_time': bool},
+    'manager': {'policy': str, 'state_dir': str, 'autostart': bool, 'use_sim_time': bool},
     'mavlink_bridge': {
         'mission': str,
         'connection': str,
         'system': int,
         'allow_arming': bool,
+        'state_dir': str,
         'autostart': bool,
         'use_sim_time': bool,
     },

@@ -7,6 +7,8 @@ Vehicles with MAVLink system ids of their own have namespaces and ports of their
 
 from __future__ import annotations
 
+import tempfile
+
 from launch import LaunchContext, LaunchDescription
 from launch.actions import (
     DeclareLaunchArgument,
@@ -46,7 +48,10 @@ ARGUMENTS = {
         'file of node parameters; the arguments here override it',
     ),
     'allow_arming': ('false', 'true: the bridge may arm and take off'),
-    'simulate': ('false', 'true: start a simulated autopilot at the mission origin'),
+    'simulate': (
+        'false',
+        'true: start a simulated autopilot at the mission origin, and remember nothing of it',
+    ),
 }
 
 
@@ -77,6 +82,9 @@ def bringup(context: LaunchContext) -> list[IncludeLaunchDescription]:
         'connection': connection(context),
         'system': str(system),
     }
+    if IfCondition(LaunchConfiguration('simulate')).evaluate(context):
+        # The next simulation begins on the ground, wherever this one ends.
+        arguments['state_dir'] = tempfile.mkdtemp(prefix=f'{PACKAGE}-')
     source = PythonLaunchDescriptionSource(f'{SHARE}/launch/bringup.launch.py')
     return [IncludeLaunchDescription(source, launch_arguments=arguments.items())]
 

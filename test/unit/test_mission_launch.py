@@ -5,6 +5,7 @@ from __future__ import annotations
 import runpy
 import shutil
 import sys
+import tempfile
 from importlib import import_module
 from types import SimpleNamespace
 from unittest.mock import MagicMock
@@ -40,6 +41,9 @@ def stand_ins(monkeypatch):
     sources.PythonLaunchDescriptionSource = lambda path: path
     parameters = sys.modules['launch_ros.parameter_descriptions']
     parameters.ParameterValue = lambda value, value_type: value_type(value)
+    sys.modules['launch.conditions'].IfCondition = lambda value: SimpleNamespace(
+        evaluate=lambda arguments: value.perform(arguments) == 'true'
+    )
     used = set()
 
     def configuration(name: str) -> SimpleNamespace:
@@ -125,6 +129,20 @@ def test_every_system_has_a_namespace_and_a_port_of_its_own(
     assert f'--system-id={system}' in command
 
 
+def test_a_simulation_remembers_nothing_of_the_one_before(launch_file, monkeypatch, tmp_path):
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
+
+    def places(**given: str) -> set[str]:
+        nodes = launched(launch_file, **given)
+        return {node['parameters'][-1].get('state_dir', '') for node in nodes.values()}
+
+    assert places() == {''}
+    first, second = (places(simulate='true') for _ in range(2))
+    assert len(first) == len(second) == 1
+    assert '' not in first
+    assert first != second
+
+
 @pytest.mark.parametrize('system', ['0', '256', '-1', 'two', '1.0', ''])
 def test_what_is_no_system_id_is_refused(launch_file, system):
     with pytest.raises(RuntimeError, match='is not a MAVLink system id, 1 to 255'):
@@ -161,6 +179,7 @@ def test_bringup_gives_each_node_its_own_parameters_in_their_types(bringup):
         'connection': 'tcp:10.0.0.1:5760',
         'system': '3',
         'allow_arming': 'true',
+        'state_dir': '/s',
     }
     nodes = launched(bringup, **given)
     assert {node['namespace'] for node in nodes.values()} == {'a/b'}
@@ -168,13 +187,14 @@ def test_bringup_gives_each_node_its_own_parameters_in_their_types(bringup):
     files, own = zip(*(node['parameters'] for node in nodes.values()))
     assert set(files) == {'/my.yaml'}
     assert dict(zip(nodes, own)) == {
-        'base_station': {'mission': '/m.yaml', 'use_sim_time': True},
-        'manager': {'policy': '/p', 'autostart': False, 'use_sim_time': True},
+        'base_station': {'mission': '/m.yaml', 'state_dir': '/s', 'use_sim_time': True},
+        'manager': {'policy': '/p', 'state_dir': '/s', 'autostart': False, 'use_sim_time': True},
         'mavlink_bridge': {
             'mission': '/m.yaml',
             'connection': 'tcp:10.0.0.1:5760',
             'target_system': 3,
             'allow_arming': True,
+            'state_dir': '/s',
             'autostart': False,
             'use_sim_time': True,
         },
