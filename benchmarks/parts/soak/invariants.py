@@ -182,13 +182,16 @@ class Invariants:
         return False
 
     def _see_mode(self, message: Any) -> None:
+        """Of what has come at once the last counts: the bridge cannot know which is older."""
+        self._sees = False
         foreign = self.day.vehicle.foreign
-        armed = message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-        if foreign == SimulatedMode.GUIDED == message.custom_mode and self._guided_gives:
+        if foreign is None or foreign != message.custom_mode:
+            return
+        if foreign == SimulatedMode.GUIDED and self._guided_gives:
             self._yields = False
-        if foreign in (None, SimulatedMode.GUIDED, self._ordered_mode):
+        if foreign in (SimulatedMode.GUIDED, self._ordered_mode):
             return  # In a mode of the bridge's own nobody can tell.
-        if armed and message.custom_mode == foreign:
+        if message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED:
             self._sees = True
             self._cancelled_at = self.day.now
 
