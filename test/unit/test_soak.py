@@ -23,6 +23,7 @@ from uav_mission_manager.autopilot import bridge as vehicle_bridge
 from uav_mission_manager.autopilot import telemetry
 from uav_mission_manager.autopilot.flying import TaskFlight
 from uav_mission_manager.autopilot.link import AutopilotLink
+from uav_mission_manager.autopilot.simulator.flight import SimulatedFlight
 from uav_mission_manager.autopilot.simulator.messages import MESSAGE_BUILDERS
 from uav_mission_manager.autopilot.simulator.modes import SimulatedMode
 from uav_mission_manager.autopilot.site import Site
@@ -187,6 +188,14 @@ def test_a_bridge_that_flies_elsewhere(soak, day, monkeypatch, change, invariant
     with violates(soak, invariant):
         fly(day, 0, 2, 0)
         day.spend(60.0)
+
+
+def test_an_autopilot_that_does_not_mind_its_fence(soak, day, monkeypatch):
+    monkeypatch.setattr(SimulatedFlight, 'inside_fence', lambda *_: True)
+    day.vehicle.flight.parameters['FENCE_RADIUS'] = 70.0
+    with violates(soak, 'inside the fence: 70 m'):
+        fly(day, 0, 2, 0)
+        day.spend(30.0)
 
 
 def test_a_bridge_that_is_silent_about_refusals(soak, day, monkeypatch):

@@ -1,7 +1,7 @@
 """What must hold at every moment, seen from outside: on the wires, and in the simulator's truth.
 
-Nothing here asks the code under test what it thinks, but for what it says in its diagnostics,
-where the invariant is that it says so.
+What the code under test says of itself counts only where the invariant is that it says so; and as
+an excuse, for what takes longer while it holds, or waits.
 """
 
 from __future__ import annotations
@@ -69,6 +69,13 @@ choice."""
 GRID_MARGIN = 20.0
 """How far [m] off the grid a vehicle in no wind may be: a choice, to turn around."""
 
+RETURN_CLIMB = 16.0
+"""How much higher [m] than in flight a vehicle may be: ArduCopter returns at 15 m, or higher where
+it is."""
+
+FENCE_MARGIN = 3.0
+"""How far [m] outside the fence a vehicle may be that turns around at it: a choice."""
+
 ON_SITE = 6.0
 """How far [m] from a goal it can be completed: twice what the bridge is told, for wind."""
 
@@ -104,6 +111,7 @@ class Invariants:
         self._held = self._guided_gives = False
         self._short_since: float | None = None
         self._off_grid = self._was_blown = False
+        self._inside: tuple[complex, float] | None = None  # the fence that it was inside of
         self._blown_at = self._troubled_at = -math.inf
         self._away: dict[str, bool] = {}
         self._order_at: dict[int, tuple[float, str]] = {}
@@ -299,10 +307,21 @@ class Invariants:
         self._off_grid = outside
         if outside and not self._was_blown:
             self.fail('on the grid', f'at {east:.0f} m east, {north:.0f} m north')
-        if flight.body.altitude > SETTINGS.flight_altitude + 16.0:
-            self.fail('inside the fence', f'{flight.body.altitude:.0f} m high')
+        self._check_fence()
         if flight.body.battery.charge <= 0.0:
             self.fail('reserve', 'the battery is empty in the air')
+
+    def _check_fence(self) -> None:
+        """It does not leave the fence, and is never higher than a return to launch asks for."""
+        flight = self.day.vehicle.flight
+        if flight.body.altitude > SETTINGS.flight_altitude + RETURN_CLIMB:
+            self.fail('inside the fence', f'{flight.body.altitude:.0f} m high')
+        fence = flight.home.position, flight.parameters['FENCE_RADIUS']
+        outside = abs(flight.body.position - fence[0]) > fence[1] + FENCE_MARGIN
+        blown = self.day.now - self._blown_at < BLOWN_TIME
+        if outside and self._inside == fence and not blown:
+            self.fail('inside the fence', f'{fence[1]:.0f} m around home')
+        self._inside = None if outside else fence
 
     def _check_reserve(self) -> None:
         """A commitment is within reach by the mission's own energy model, and the true charge."""
