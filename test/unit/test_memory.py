@@ -8,7 +8,7 @@ import pytest
 from strategies import case_study
 
 from uav_mission_manager.mdp import mission_from_dict
-from uav_mission_manager.nodes.memory import open_journal
+from uav_mission_manager.nodes.memory import POWER_ON_TIME, moment, open_journal, time_here
 
 MISSION = mission_from_dict(case_study(1), 'test')
 
@@ -57,3 +57,8 @@ def test_a_place_that_cannot_be_is_told_by_the_parameters_name(tmp_path, monkeyp
     monkeypatch.setenv('HOME', '')
     with pytest.raises(ValueError, match='parameter state_dir: not given, and neither ROS_HOME'):
         open_journal(node(), '', 'manager', MISSION)
+
+
+def test_times_of_this_boot_are_known_others_end_when_the_vehicle_was_switched_on():
+    assert time_here(moment(123.0)) == 123.0
+    assert time_here({**moment(123.0), 'boot': 'another'}) == -POWER_ON_TIME < 0.0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any
@@ -27,7 +26,7 @@ from uav_mission_manager.nodes.flight_plan import FlightPlan
 from uav_mission_manager.nodes.lifecycle import AUTOSTART, FAILURE, ManagedNode
 from uav_mission_manager.nodes.log_limit import LogLimit
 from uav_mission_manager.nodes.manager_inputs import ManagerInputs
-from uav_mission_manager.nodes.memory import STATE_DIR, open_journal
+from uav_mission_manager.nodes.memory import STATE_DIR, moment, open_journal, time_here
 from uav_mission_manager.nodes.parameters import NodeParameter, declare
 from uav_mission_manager.nodes.presence import LISTENING, Presence
 from uav_mission_manager.nodes.reporting import status
@@ -116,6 +115,7 @@ class MavlinkBridge(ManagedNode):
         self._limit = LogLimit()
         self._opened = ExitStack()
         self._configured = False
+        self._written: dict[str, Any] = {}
         self.create_service(Trigger, '~/hold', self._on_hold)
         self.create_service(Trigger, '~/resume', self._on_resume)
 
@@ -188,9 +188,9 @@ class MavlinkBridge(ManagedNode):
             record = self._journal.read()
             if record is None:
                 return
-            age = time.time() - self._journal.path.stat().st_mtime
-            self._bridge.restore(record.state, self._now() - age)
-        except ValueError as error:
+            state = record.state
+            self._bridge.restore(state['memory'], time_here(state['written']))
+        except (LookupError, TypeError, ValueError) as error:
             self.get_logger().warning(f'{error}; what was before is not known')
             self._bridge.distrust(f'what was before is not known: {error}')
             return
@@ -198,8 +198,11 @@ class MavlinkBridge(ManagedNode):
         self.get_logger().info(f'goes on from its journal{of}: {self._journal.path}')
 
     def _remember(self, memory: dict[str, Any]) -> None:
-        if not self._presence.silent:  # Else the journal may be another one's.
-            self._journal.write(memory)
+        if self._presence.silent:  # The journal may be another one's.
+            return
+        if memory != self._written.get('memory'):
+            self._written = {'memory': memory, 'written': moment(self._now())}
+        self._journal.write(self._written)
 
     def _now(self) -> float:
         return seconds(self._steady)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from rclpy.node import Node
 
@@ -20,6 +22,27 @@ STATE_DIR = NodeParameter(
     path=True,
 )
 """Parameter of every node that goes on where the one before it ended."""
+
+BOOT_ID = Path('/proc/sys/kernel/random/boot_id').read_text().strip()
+"""Linux's name of the time since this computer was started."""
+
+POWER_ON_TIME = 30.0
+"""Time [s] by which an autopilot's start may come before this computer's, when both are switched
+on together: a choice, longer than a system takes to start, and shorter than it takes to fly."""
+
+
+def moment(now: float) -> dict[str, object]:
+    """Return JSON values of a time of the steady clock [s], which `time_here` understands."""
+    return {'boot': BOOT_ID, 'time': now}
+
+
+def time_here(moment: Mapping[str, Any]) -> float:
+    """Return the time of a `moment` by the steady clock of this boot [s].
+
+    Of one before this boot only the latest time is known at which a vehicle that was switched on
+    with this computer was not switched on yet.
+    """
+    return float(moment['time']) if moment['boot'] == BOOT_ID else -POWER_ON_TIME
 
 
 def open_journal(node: Node, state_dir: str, kind: str, mission: Mission) -> Journal:
