@@ -41,7 +41,7 @@ SHORT_STORM = 200.0
 @pytest.fixture(scope='module')
 def soak():
     sys.path.insert(0, str(BENCHMARKS))
-    names = ('chain', 'day', 'fate', 'invariants', 'leaks')
+    names = ('chain', 'day', 'fate', 'invariants', 'leaks', 'whereabouts')
     yield SimpleNamespace(**{n: importlib.import_module(f'parts.soak.{n}') for n in names})
     sys.path.remove(str(BENCHMARKS))
 
@@ -93,7 +93,7 @@ def restart(day, process, *, forgetful=False):
 
 
 def violates(soak, invariant):
-    return pytest.raises(soak.invariants.Violated, match=invariant)
+    return pytest.raises(soak.whereabouts.Violated, match=invariant)
 
 
 @pytest.mark.parametrize('seed', range(4))

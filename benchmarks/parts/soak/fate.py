@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from parts.soak.agenda import Agenda
 from parts.soak.crew import NEAR, Crew
 from parts.soak.day import Day
-from parts.soak.invariants import Violated
 from parts.soak.mischief import Happening, Mischief
+from parts.soak.whereabouts import Violated
 
 STORM = (300.0, 900.0)
 """Shortest and longest storm [s]."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from parts.soak.chain import SETTINGS
+from parts.soak.whereabouts import Whereabouts, fail
 from parts.soak.wishes import GRACE, Wishes
 from uav_mission_manager.autopilot.exchange import short_name
 from uav_mission_manager.autopilot.simulator.modes import SimulatedMode
@@ -58,34 +58,6 @@ measured, told and decided on."""
 GAUGE_ERROR = 0.03
 """How much more [of 1] than is true the manager may take the charge for: rounding and noise."""
 
-BLOWN_SPEED = 9.0
-"""Wind [m/s] from which a vehicle may be blown off: at twice its gusts it leaves no more than the
-5 m/s it flies with."""
-
-BLOWN_TIME = 30.0
-"""Time [s] after such a wind, or without a position, in which the vehicle may have been carried: a
-choice."""
-
-GRID_MARGIN = 20.0
-"""How far [m] off the grid a vehicle in no wind may be: a choice, to turn around."""
-
-RETURN_CLIMB = 16.0
-"""How much higher [m] than in flight a vehicle may be: ArduCopter returns at 15 m, or higher where
-it is."""
-
-FENCE_MARGIN = 3.0
-"""How far [m] outside the fence a vehicle may be that turns around at it: a choice."""
-
-ON_SITE = 6.0
-"""How far [m] from a goal it can be completed: twice what the bridge is told, for wind."""
-
-AT_HEIGHT = 4.0
-"""The same for its height [m]: twice the bridge's tolerance."""
-
-
-class Violated(Exception):
-    """What must hold did not."""
-
 
 class Invariants:
     """Checks a day.
@@ -102,6 +74,7 @@ class Invariants:
         self.checked: Counter[str] = Counter()
         self.command = ''
         self._goals = {goal.name: goal.cell for goal in day.mission.goals}
+        self._where = Whereabouts(day, self.checked)
         self._changes: deque[float] = deque(maxlen=MAX_CHANGES + 1)
         self._heard: set[str] = set()
         self._beat_at = -math.inf
@@ -110,17 +83,10 @@ class Invariants:
         self._ordered_mode: float | None = None
         self._held = self._guided_gives = False
         self._short_since: float | None = None
-        self._off_grid = self._was_blown = False
-        self._inside: tuple[complex, float] | None = None  # the fence that it was inside of
-        self._blown_at = self._troubled_at = -math.inf
-        self._away: dict[str, bool] = {}
+        self._troubled_at = -math.inf
         self._order_at: dict[int, tuple[float, str]] = {}
         self._refusals: list[tuple[float, str, str]] = []
         self._cancelled_at = -math.inf
-
-    def fail(self, invariant: str, text: str) -> None:
-        """Say what was violated."""
-        raise Violated(f'{invariant}: {text}')
 
     # What people do
 
@@ -223,14 +189,14 @@ class Invariants:
         if message.command == mavlink.MAV_CMD_DO_SET_MODE:
             self._ordered_mode = message.param2
         if self._yields or self._sees:
-            self.fail('never against a pilot', f'{order}, and someone else is in command')
+            fail('never against a pilot', f'{order}, and someone else is in command')
         if missing := NEEDED - self._heard:
-            self.fail('hears before it orders', f'{order} without {", ".join(sorted(missing))}')
+            fail('hears before it orders', f'{order} without {", ".join(sorted(missing))}')
         if message.command in TO_FLY:
             if self._held:
-                self.fail('held', f'{order} before ~/resume')
+                fail('held', f'{order} before ~/resume')
             if self.wishes.none_for > GRACE:
-                self.fail('flies only for a goal', f'{order}, and none is wanted')
+                fail('flies only for a goal', f'{order}, and none is wanted')
 
     # Between the processes
 
@@ -243,12 +209,12 @@ class Invariants:
             self._short_since = None
             self._changes.append(now)
             if len(self._changes) > MAX_CHANGES and now - self._changes[0] < CHANGES_TIME:
-                self.fail('few commands', f'{len(self._changes)} in {CHANGES_TIME:.0f} s')
+                fail('few commands', f'{len(self._changes)} in {CHANGES_TIME:.0f} s')
         goal = self._committed
-        if goal and self.wishes.unwanted_for[goal] > GRACE and not self._at(goal):
+        if goal and self.wishes.unwanted_for[goal] > GRACE and not self._where.at(goal):
             done = self.wishes.done.get(goal)
             why = 'nobody wants' if done is None else f'was done at {done:.1f} s'
-            self.fail('nothing is done twice', f'{text}, which {why}')
+            fail('nothing is done twice', f'{text}, which {why}')
 
     def manager_died(self) -> None:
         """Its successor may change its mind."""
@@ -258,14 +224,14 @@ class Invariants:
     def completed(self, goal: str, heard: bool) -> None:
         """Check a completion: was it there? `heard`, whether there was anyone to hear of it."""
         self.checked['completions'] += 1
-        if not self._at(goal):
+        if not self._where.at(goal):
             distance = self.day.vehicle.distance(self.day.mission.grid, self._goals[goal])
             height = self.day.vehicle.flight.body.altitude
-            self.fail('done where it is', f'{goal}, {distance:.1f} m off, {height:.1f} m high')
-        if goal in self.wishes.done and self._away.get(goal):
+            fail('done where it is', f'{goal}, {distance:.1f} m off, {height:.1f} m high')
+        if goal in self.wishes.done and self._where.away[goal]:
             done = self.wishes.done[goal]
-            self.fail('nothing is done twice', f'{goal}, done before at {done:.1f} s')
-        self._away[goal] = False
+            fail('nothing is done twice', f'{goal}, done before at {done:.1f} s')
+        self._where.away[goal] = False
         if heard:
             self.wishes.complete(goal, self.day.now)
 
@@ -280,48 +246,13 @@ class Invariants:
         if silent or day.now - day.bridge.worked_at > STALL + SLACK:
             self._heard.clear()
         self.wishes.pass_time(dt, all_work=day.all_work)
-        self._check_place()
+        self._where.check()
         self._check_reserve()
-        self._check_homeward(dt)
+        self._check_homeward()
         self._check_refusals()
         for text in day.vehicle_texts:
             if 'Crash' in text:
-                self.fail('no crash', text)
-
-    def _check_place(self) -> None:
-        day = self.day
-        flight, wind = day.vehicle.flight, abs(day.vehicle.flight.wind)
-        for goal, cell in self._goals.items():
-            far = day.vehicle.distance(day.mission.grid, cell) > 25.0
-            self._away[goal] = self._away.get(goal, False) or (far and day.vehicle.airborne)
-        if wind > BLOWN_SPEED or not flight.position_ok:
-            self._blown_at = day.now
-        east, north = day.vehicle.place
-        outside = day.vehicle.off_grid(day.mission.grid) > GRID_MARGIN
-        if not day.vehicle.airborne:  # It may take off from where it was blown.
-            self._off_grid = self._was_blown = outside
-            return
-        self.checked['steps in the air'] += 1
-        if outside and not self._off_grid:
-            self._was_blown = day.now - self._blown_at < BLOWN_TIME
-        self._off_grid = outside
-        if outside and not self._was_blown:
-            self.fail('on the grid', f'at {east:.0f} m east, {north:.0f} m north')
-        self._check_fence()
-        if flight.body.battery.charge <= 0.0:
-            self.fail('reserve', 'the battery is empty in the air')
-
-    def _check_fence(self) -> None:
-        """It does not leave the fence, and is never higher than a return to launch asks for."""
-        flight = self.day.vehicle.flight
-        if flight.body.altitude > SETTINGS.flight_altitude + RETURN_CLIMB:
-            self.fail('inside the fence', f'{flight.body.altitude:.0f} m high')
-        fence = flight.home.position, flight.parameters['FENCE_RADIUS']
-        outside = abs(flight.body.position - fence[0]) > fence[1] + FENCE_MARGIN
-        blown = self.day.now - self._blown_at < BLOWN_TIME
-        if outside and self._inside == fence and not blown:
-            self.fail('inside the fence', f'{fence[1]:.0f} m around home')
-        self._inside = None if outside else fence
+                fail('no crash', text)
 
     def _check_reserve(self) -> None:
         """A commitment is within reach by the mission's own energy model, and the true charge."""
@@ -343,15 +274,15 @@ class Invariants:
         elif self._short_since is None:
             self._short_since = day.now
         elif day.now - self._short_since > RESERVE_TIME:
-            self.fail('reserve', f'{self.command}: {way:.0f} m to fly, reach {reach:.0f} m')
+            fail('reserve', f'{self.command}: {way:.0f} m to fly, reach {reach:.0f} m')
 
-    def _check_homeward(self, dt: float) -> None:
+    def _check_homeward(self) -> None:
         """Without a wanted goal, and with nothing wrong, it is on its way home, and arrives."""
         day = self.day
         if day.troubled or not day.vehicle.airborne or self.wishes.none_for < GRACE:
             self._troubled_at = day.now
         if day.now - self._troubled_at > HOMEWARD_TIME:
-            self.fail('flies only for a goal', f'in the air for {HOMEWARD_TIME:.0f} s for none')
+            fail('flies only for a goal', f'in the air for {HOMEWARD_TIME:.0f} s for none')
 
     def _check_refusals(self) -> None:
         """What was refused two steps ago is in the diagnostics, or is no longer asked for."""
@@ -364,15 +295,9 @@ class Invariants:
                 continue
             self.checked['refusals'] += 1
             if not any(name in text for text in day.said):
-                self.fail('refusals are said', f'{name} was refused at {at:.2f} s')
+                fail('refusals are said', f'{name} was refused at {at:.2f} s')
 
     @property
     def _committed(self) -> str:
         words = self.command.split()
         return words[1] if words[:1] == ['commit'] else ''
-
-    def _at(self, goal: str) -> bool:
-        vehicle = self.day.vehicle
-        near = vehicle.distance(self.day.mission.grid, self._goals[goal]) <= ON_SITE
-        height = vehicle.flight.body.altitude - SETTINGS.flight_altitude
-        return near and abs(height) <= AT_HEIGHT

@@ -7,7 +7,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from parts.soak.invariants import Violated
+from parts.soak.whereabouts import Violated
 
 SAMPLE_PERIOD = 3600.0
 """Simulated time [s] between two looks: a choice. The first is the measure for all others."""
