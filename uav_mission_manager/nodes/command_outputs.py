@@ -7,6 +7,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
@@ -17,6 +18,10 @@ from uav_mission_manager.mdp import Mission
 from uav_mission_manager.nodes import qos, reporting
 from uav_mission_manager.onboard import Refusal, Situation, format_command
 from uav_mission_manager.policy import Decision
+
+NO_PUBLISHER_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
+"""A subscriber that does not suit is told so itself; rclpy looks for each such event before it
+looks for messages, so a command would wait for it."""
 
 
 class CommandOutputs:
@@ -36,7 +41,11 @@ class CommandOutputs:
 
     def _output(self, kind: Any, topic: str, profile: QoSProfile | None = None) -> Publisher:
         return self._node.create_publisher(
-            kind, topic, profile or qos.LATCHED, qos_overriding_options=qos.OVERRIDABLE
+            kind,
+            topic,
+            profile or qos.LATCHED,
+            event_callbacks=NO_PUBLISHER_EVENTS,
+            qos_overriding_options=qos.OVERRIDABLE,
         )
 
     def _header(self) -> Header:

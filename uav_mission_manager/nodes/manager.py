@@ -120,6 +120,7 @@ class Manager(ManagedNode):
         found = recollect(self._journal, self._asked, settings)
         self._core, self._used, self._trouble = found.core, found.used, found.trouble
         self._outcome: Decision | Refusal = Refusal('no decision yet')
+        self._remembered: tuple[int, ...] = ()
         # Lambdas, as rclpy wants a place in the code for each severity.
         self._complaints = Complaints(lambda text: self.get_logger().warning(text))
         self._warnings = Complaints(lambda text: self.get_logger().warning(text))
@@ -175,15 +176,17 @@ class Manager(ManagedNode):
     def _step(self, repeat: bool = False) -> None:
         """Decide; publish what changed, or everything when it is time to `repeat`.
 
-        What is told only comes after what is commanded. A manager that has just started listens
-        first: to hear of another one, and what is wanted.
+        What is told only comes after what is commanded. What is heard but once, what is wanted,
+        is written down before anyone acts on it; what is heard again and again, right after. A
+        manager that has just started listens first: to hear of another one, and what is wanted.
         """
         now = seconds(self._steady)
         if self._presence.silent or self._waits(now):
             return
         core, before = self._core, self._outcome
         self._outcome = outcome = core.step(now)
-        self._remember()
+        if core.situation.priorities != self._remembered:
+            self._remember()
         if self._knows_what_is_wanted:
             self._outputs.goals(core.situation.priorities, repeat)
         if isinstance(outcome, Refusal):
@@ -196,6 +199,7 @@ class Manager(ManagedNode):
                 self.get_logger().info(f'{command}: {outcome.reason}')
             self._silences.settle('command')
             changed = isinstance(before, Refusal) or _key(before) != _key(outcome)
+        self._remember()
         if changed or repeat:
             self._outputs.explain(outcome, core.situation, now, core.policy.digest)
 
@@ -215,7 +219,8 @@ class Manager(ManagedNode):
         return '; '.join(filter(None, (self._trouble, error)))
 
     def _remember(self) -> None:
-        """Write down what has been decided, before anyone acts on it."""
+        """Write down what is known and what has been decided."""
+        self._remembered = self._core.situation.priorities
         if self._journal is not None and self._knows_what_is_wanted:
             state = {'policy': self._used.as_record(), 'memory': self._core.memory}
             self._journal.write(state)
