@@ -50,7 +50,10 @@ REPEAT_PERIOD = 1.0
 QUEUE_TIME = 0.1
 """Time [s] in which what a killed node had sent arrives: a choice."""
 
-GUIDED, LAND, RTL = 4, 9, 6
+NEAR = 30.0
+"""Distance [m] from the centre of a cell within which the vehicle is there: a choice."""
+
+LAND, RTL = 9, 6
 """ArduCopter's numbers of flight modes."""
 
 
@@ -226,6 +229,8 @@ class Chain:
             self._detector.publish(String(data=self.threat))
             for name, value in self._simulated.items():
                 self._set(name, value)
+            if not self.armed and self.far_from(self.mission.grid.service) < NEAR:
+                self._set('SIM_BATT_PCT', 100.0)  # Someone puts in another battery.
         for name, process in self._processes.items():
             if process.process.poll() is not None:
                 self._look(name)

@@ -11,7 +11,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import String, UInt8MultiArray
 
-from parts.kills.chain import Chain
+from parts.kills.chain import NEAR, Chain
 from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, StateSpace
 from uav_mission_manager.nodes import qos
 
@@ -25,9 +25,6 @@ ORDER_TIME = 1.0
 REPEAT_TIME = 12.0
 """Time [s] within which a manager that did not hear of a completed goal is told again: that of the
 bridge, and a little more. Meanwhile the vehicle stays there."""
-
-NEAR = 30.0
-"""Distance [m] from a goal's centre within which the vehicle stays there: a choice."""
 
 DRIFT = 15.0
 """Distance [m] that a vehicle may move that holds: a choice, above what it needs to stop."""
