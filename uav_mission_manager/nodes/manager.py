@@ -164,13 +164,13 @@ class Manager(ManagedNode):
 
     def _take(self, topic: str, change: Callable[[Situation], Situation]) -> None:
         try:
-            warnings = self._core.take(change)
+            self._core.take(change)
         except InputError as error:
             self._complaints.add(topic, f'{error}; kept the last good value')
             return
         self._step()
         self._complaints.settle(topic)
-        for warning in warnings:
+        for warning in self._core.news():
             self._warnings.add(warning.partition(':')[0], warning)
 
     def _step(self, repeat: bool = False) -> None:

@@ -84,18 +84,22 @@ class MissionManager:
                 self._standing = _remembered_command(policy.mission, memory['command'])
             except (LookupError, TypeError, ValueError, AttributeError) as error:
                 raise ValueError(f'memory: {error!r}') from error
+        self._told = self.situation.warnings
 
-    def take(self, change: Callable[[Situation], Situation]) -> tuple[str, ...]:
-        """Change the situation; return the warnings that are new.
+    def take(self, change: Callable[[Situation], Situation]) -> None:
+        """Change the situation.
 
         Raises
         ------
         InputError
             As the change does; then nothing is changed.
         """
-        before = self.situation.warnings
         self.situation = change(self.situation)
-        return tuple(text for text in self.situation.warnings if text not in before)
+
+    def news(self) -> tuple[str, ...]:
+        """Return the warnings that were not there when this was asked last, or at the start."""
+        told, self._told = self._told, self.situation.warnings
+        return tuple(text for text in self._told if text not in told)
 
     def step(self, now: float) -> Decision | Refusal:
         """Decide, and remember that."""

@@ -270,7 +270,8 @@ class ManagerProcess(Process):
     def _take(self, change: Any, topic: str = '', stamp: float | None = None) -> None:
         try:
             stamp_age(topic, stamp, self.wall, MANAGER_SETTINGS.input_timeout)
-            for warning in self.core.take(change):
+            self.core.take(change)
+            for warning in self.core.news():
                 self.watch.note('manager', warning)
         except InputError as error:
             self.watch.counts[f'refused: {topic}'] += 1
