@@ -72,9 +72,10 @@ class Told:
         message.layout.dim = [MultiArrayDimension(label=label)]
         self.heard['goal_priorities'](message)
 
-    def decide(self, command: str, state: str) -> None:
-        values = [KeyValue(key='command', value=command), KeyValue(key='state', value=state)]
-        status = DiagnosticStatus(message='why', values=values)
+    def decide(self, command: str, state: str, reason: str = 'why') -> None:
+        said = {'command': command, 'state': state, 'runner_up': 'commit goal3 normal'}
+        values = [KeyValue(key=key, value=value) for key, value in said.items()]
+        status = DiagnosticStatus(message=reason, values=values)
         self.say('mission_command', command)
         self.heard['manager/decision'](DiagnosticArray(status=[status]))
 
@@ -165,6 +166,14 @@ def test_another_first_command_is_seen(told, command, state, wrong):
     told.watch.killed('manager')
     told.decide(command, state)
     assert bool(told.watch.violations) == wrong
+
+
+def test_a_first_command_after_a_dwell_may_be_the_one_that_waited(told):
+    told.watch.ask((1, 1, 1))
+    told.decide('commit goal1 normal', '1 1 1 1 1 1 1 0 1 0 0', 'keeps commit goal1 normal')
+    told.watch.killed('manager')
+    told.decide('commit goal3 normal', '1 1 1 1 1 1 1 0 1 0 0')
+    assert not told.watch.violations
 
 
 def test_a_broken_part_that_is_forgotten_is_seen(told):
