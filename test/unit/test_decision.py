@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -26,3 +27,11 @@ def test_a_command_does_not_wait_for_bounds(monkeypatch):
     assert not asked
     assert decision.lower_bound == policy.lower_bound([STATE])[0]
     assert decision.upper_bound == policy.upper_bound([STATE])[0]
+
+
+def test_policy_and_decision_can_be_sent_to_another_process():
+    policy = load_policy(CASE_STUDY)
+    decision = policy.decide(STATE)
+    sent_policy, sent_decision = pickle.loads(pickle.dumps((policy, decision)))
+    assert sent_policy.decide(STATE) == decision == sent_decision
+    assert sent_decision.upper_bound == decision.upper_bound

@@ -180,6 +180,10 @@ class Policy(ABC):
         """Decide in one state, [f r.. g.. l c t m]. Raises `StateError`."""
         return self._decisions(tuple(state))
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the decisions: a copy in another process remembers its own."""
+        return {name: value for name, value in vars(self).items() if name != '_decisions'}
+
     @cached_property
     def _decisions(self) -> Callable[[tuple[int, ...]], Decision]:
         return lru_cache(DECISIONS_KEPT)(self._decide)
