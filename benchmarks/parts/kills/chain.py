@@ -53,7 +53,7 @@ QUEUE_TIME = 0.1
 NEAR = 30.0
 """Distance [m] from the centre of a cell within which the vehicle is there: a choice."""
 
-LAND, RTL = 9, 6
+GUIDED, LAND, RTL = 4, 9, 6
 """ArduCopter's numbers of flight modes."""
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from parts.kills.chain import (
     ANSWER_TIME,
+    GUIDED,
     KILLED,
     LAND,
     RTL,
@@ -196,9 +197,11 @@ class Crew:
     def _aloft(self) -> Wait:
         """Ask for all goals, and wait until the vehicle is on its way to one."""
         yield from self._ask(self._some_goals(least=2))
-        yield from self._until(
-            lambda: self.chain.aloft and 'commit' in self.watch.command, 'on the way to a goal'
-        )
+        yield from self._until(self._under_way, 'on the way to a goal')
+
+    def _under_way(self) -> bool:
+        guided = self.chain.mode == GUIDED  # A pilot's LAND would not show in one from here.
+        return self.chain.aloft and guided and 'commit' in self.watch.command
 
     def _some_goals(self, least: int = 1) -> tuple[int, ...]:
         while True:
