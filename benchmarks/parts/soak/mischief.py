@@ -16,6 +16,9 @@ BAD_WIRE = Quality(loss=0.3, twice=0.1, noise=0.02, delay=0.4)
 FAIR_WIRE = Quality(loss=0.02, twice=0.02, noise=0.002, delay=0.05)
 """The wire in bad times, and in all others."""
 
+BREEZE = 8.0
+"""Strongest wind [m/s] that is no gale."""
+
 FENCE_RADIUS = 300.0
 """Radius [m] of the fence: ArduCopter's default, with the whole grid inside."""
 
@@ -123,21 +126,29 @@ class Mischief:
         self._agenda.after(1.0, 20.0, lambda: self.set(name, good))
 
     def weaken(self) -> None:
-        """Let a motor give less."""
+        """Let a motor give less, but not in a gale: nobody could hold the vehicle up."""
+        if self._gale:
+            return
         self.set('SIM_ENGINE_MUL', self.rng.uniform(0.72, 0.8))
         self.set('SIM_ENGINE_FAIL', 1 << self.rng.randrange(4))
 
     def blow(self) -> None:
         """Let another wind blow."""
-        self.set('SIM_WIND_SPD', self.rng.uniform(0.0, 8.0))
+        self.set('SIM_WIND_SPD', self.rng.uniform(0.0, BREEZE))
         self.set('SIM_WIND_DIR', self.rng.uniform(0.0, 360.0))
         self.set('SIM_WIND_TURB', self.rng.uniform(0.0, 3.0))
 
     def gale(self) -> None:
-        """Let a wind blow that the vehicle cannot fly against."""
+        """Let a wind blow that the vehicle cannot fly against, if all motors are well."""
+        if self.day.vehicle.flight.parameters['SIM_ENGINE_FAIL']:
+            return
         self.set('SIM_WIND_SPD', self.rng.uniform(14.0, 20.0))
         self.set('SIM_WIND_TURB', 5.0)
         self._agenda.after(10.0, 60.0, self.blow)
+
+    @property
+    def _gale(self) -> bool:
+        return self.day.vehicle.flight.parameters['SIM_WIND_SPD'] > BREEZE
 
     def cut(self) -> None:
         """Cut the link, one way or both."""
