@@ -22,7 +22,7 @@ from parts import pages
 sys.path.insert(0, str(pages.ROOT / 'test' / 'integration'))
 
 from parts.kills.chain import KILLED, LISTENING_TIME, SPEEDUP, Chain
-from parts.kills.crew import Crew
+from parts.kills.crew import EPISODES, Crew
 from parts.kills.watch import Watch
 from ros_helpers import Ros, ros_domain
 
@@ -44,6 +44,7 @@ def main() -> int:
     parser.add_argument(
         '--life', type=float, default=8.0, help='mean, of one node [s]; default: %(default)s'
     )
+    parser.add_argument('--episodes', nargs='+', choices=EPISODES, default=(), metavar='EPISODE')
     parser.add_argument('--forget', choices=KILLED, help='this one loses its journal each time')
     parser.add_argument('--keep', type=Path, help='folder for logs and journals')
     options = parser.parse_args()
@@ -75,7 +76,9 @@ def fly(ros: Ros, options: object) -> list[Crew]:
             options.kills * number // options.chains
         )
         chance = random.Random(f'{options.seed} {number}')
-        crews.append(Crew(chain, watch, chance, kills, options.life, options.forget))
+        crews.append(
+            Crew(chain, watch, chance, kills, options.life, options.forget, options.episodes)
+        )
     try:
         while not all(crew.over for crew in crews):
             ros.executor.spin_once(timeout_sec=POLL_PERIOD)

@@ -22,9 +22,9 @@ LIMIT = 90.0
 """Time [s] with all nodes up in which what is wanted must be done, whatever dies meanwhile: a
 choice, twice what it takes undisturbed."""
 
-WAITING_TIME = 8.0
-"""Time [s] in which a vehicle that shall stay would take off, if it did: a choice, twice what it
-took in the cases that were seen."""
+WAITING_TIME = 6.0
+"""Time [s] with all nodes up in which a vehicle that shall stay would take off, if it did: a
+choice, more than it took in the cases that were seen."""
 
 STILLBORN, START_TIME = 0.1, 4.0
 """Share of the nodes that are killed while they start, and within which time [s]: choices."""
@@ -137,7 +137,7 @@ class Crew:
         yield from self._ask(self._some_goals())
         yield from self._pass(self._chance.uniform(0.0, 10.0))
         yield from self._ask((0,) * self.chain.mission.k)
-        yield from self._pass(WAITING_TIME)
+        yield from self._stay()
         yield from self._ask(self._some_goals())
         yield from self._done()
 
@@ -151,7 +151,7 @@ class Crew:
         self._kill('manager')
         yield from self._ask((0,) * self.chain.mission.k)
         yield from self._resume()
-        yield from self._pass(WAITING_TIME)
+        yield from self._stay()
 
     def _hold(self) -> Wait:
         """A vehicle that was told to hold does, on the ground and aloft."""
@@ -160,7 +160,7 @@ class Crew:
         yield from self._bridge('hold')
         self.watch.hold()
         self._strike('mavlink_bridge', certain=True)
-        yield from self._pass(WAITING_TIME)
+        yield from self._stay()
         yield from self._resume()
         yield from self._done()
 
@@ -174,7 +174,7 @@ class Crew:
         self._strike('mavlink_bridge', certain=True)
         yield from self._until(lambda: not self.chain.armed, 'landed by the pilot')
         self._strike('mavlink_bridge', certain=True)
-        yield from self._pass(WAITING_TIME)
+        yield from self._stay()
         yield from self._resume()
         yield from self._done()
 
@@ -259,6 +259,12 @@ class Crew:
                     f'knows {self.watch.states} and commands {self.watch.command!r}'
                 )
                 return
+            yield
+
+    def _stay(self) -> Wait:
+        """Let so much time pass that a vehicle would take off, if it did."""
+        end = self._whole + WAITING_TIME
+        while self._whole < end:
             yield
 
     def _pass(self, seconds: float) -> Wait:
