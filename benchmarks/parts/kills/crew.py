@@ -100,7 +100,7 @@ class Crew:
             self.over = True
 
     def _kill(self, name: str) -> None:
-        self._left[name] -= 1
+        self._left[name] = max(self._left[name] - 1, 0)
         self.chain.kill(name, forget=name == self._forgetful)
         self.watch.killed(name)
         self.watch.tell(f'{name} killed')
