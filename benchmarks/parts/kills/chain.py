@@ -229,7 +229,7 @@ class Chain:
             self._detector.publish(String(data=self.threat))
             for name, value in self._simulated.items():
                 self._set(name, value)
-            if not self.armed and self.far_from(self.mission.grid.service) < NEAR:
+            if not self.armed:
                 self._set('SIM_BATT_PCT', 100.0)  # Someone puts in another battery.
         for name, process in self._processes.items():
             if process.process.poll() is not None:
