@@ -63,7 +63,7 @@ class Chain:
     def __init__(self, ros: Ros, number: int, given: tuple[int, ...] = ()) -> None:
         self.ros, self.namespace = ros, f'/uav{number}'
         self.folder = ros.folder / f'uav{number}'
-        self.folder.mkdir()
+        self.folder.mkdir(parents=True)
         self.mission = load_mission(MISSION)
         self.given = given
         self.threat = 'none'
