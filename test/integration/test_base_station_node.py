@@ -170,6 +170,15 @@ def test_killed_it_does_not_undo_what_was_set_since_its_start(ros: Ros) -> None:
         assert parameter(ros) == values
 
 
+def test_killed_while_it_only_listens_it_asks_for_what_was_set(ros: Ros) -> None:
+    node = start(ros, 'listening_time:=60.0')
+    assert ros.set_parameter('base_station', 'priorities', [0, 1, 2]).successful
+    killed(node)
+    heard = ros.listen('goal_priorities', UInt8MultiArray, qos.STATE_IN)
+    start(ros)
+    until_heard(ros, heard, [0, 1, 2])
+
+
 def test_killed_at_any_moment_it_asks_for_what_it_said_last(ros: Ros) -> None:
     heard = ros.listen('goal_priorities', UInt8MultiArray, qos.STATE_IN)
     node = start(ros, 'priorities:=[1, 1, 1]', 'rate:=20.0')

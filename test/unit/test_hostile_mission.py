@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
 import yaml
 from strategies import case_study
@@ -130,10 +132,18 @@ def test_every_path(tmp_path):
         assert_one_short_line(error.value, shown(path))
 
 
-def test_a_file_without_end_is_read_no_further_than_needed():
+def test_a_large_file_is_read_no_further_than_needed(tmp_path):
+    path = tmp_path / 'large.yaml'
+    path.touch()
+    os.truncate(path, 1 << 40)
     with pytest.raises(
-        MissionError, match=r'^/dev/zero: is no mission file: more than 8,000,000 '
+        MissionError, match=r'large\.yaml: is no mission file: more than 8,000,000 '
     ):
+        load_mission(path)
+
+
+def test_a_file_without_end_is_not_read():
+    with pytest.raises(MissionError, match=r'^/dev/zero: cannot be read: no regular file'):
         load_mission('/dev/zero')
 
 

@@ -55,7 +55,8 @@ def one_line_errors(command: str) -> Iterator[None]:
             _flush()
     except KeyboardInterrupt as error:
         print(f'{command}: interrupted', file=sys.stderr)
-        sys.exit(SIGNAL_EXIT + error.args[0])
+        # Python's own has no number.
+        sys.exit(SIGNAL_EXIT + (error.args or (signal.SIGINT,))[0])
     except BrokenPipeError:
         sys.exit(1)
     except MemoryError as error:

@@ -119,6 +119,7 @@ class BaseStation(Node):
         for parameter in parameters:
             if parameter.name == 'priorities':
                 self._request.ask(parameter.value, _new_id())
+                self._record()  # Whoever asks may see this process die before it speaks.
                 self._tell()
                 self._publish()
 
@@ -130,18 +131,21 @@ class BaseStation(Node):
         """Record the request, then say it: what has been heard is not forgotten."""
         if not self._request.request or self._presence.silent:
             return
-        self._journal.write(self._request.memory)
-        if self._journal.error:
-            self.get_logger().warning(
-                f'a station started again may not know this request: {self._journal.error}',
-                throttle_duration_sec=COMPLAINT_PERIOD,
-            )
+        self._record()
         size = len(self._goals)
         message = UInt8MultiArray(data=self._request.priorities)
         message.layout.dim = [
             MultiArrayDimension(label=self._request.request, size=size, stride=size)
         ]
         self._publisher.publish(message)
+
+    def _record(self) -> None:
+        self._journal.write(self._request.memory)
+        if self._journal.error:
+            self.get_logger().warning(
+                f'a station started again may not know this request: {self._journal.error}',
+                throttle_duration_sec=COMPLAINT_PERIOD,
+            )
 
 
 def _new_id() -> str:
