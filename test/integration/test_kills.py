@@ -145,6 +145,16 @@ def test_priorities_that_change_by_themselves_are_seen(told):
     assert 'nobody asked' in told.watch.violations[0]
 
 
+def test_a_goal_that_the_manager_alone_heard_of_is_done(told):
+    told.watch.ask((1, 0, 0))
+    told.states(1, 0, 0)
+    told.chain.far_from = lambda cell: 1.0
+    told.states(0, 0, 0)
+    told.pass_(EFFECT_TIME)
+    assert not told.watch.violations
+    assert told.watch.wanted == [0, 0, 0]
+
+
 def test_a_request_that_nobody_made_is_seen(told):
     told.request('first')
     told.request('second')

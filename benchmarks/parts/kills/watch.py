@@ -66,6 +66,7 @@ class Watch:
         self._wanted_until = self._held_at = -math.inf
         self._manager_since = -math.inf
         self._before: dict[str, Any] = {}
+        self._threats: set[str] = set()  # since the manager was killed
         self._odd_states: list[tuple[float, list[int], list[int]]] = []
         self._decision: dict[str, str] = {}
         self._armed, self._mode = chain.armed, chain.mode
@@ -99,7 +100,8 @@ class Watch:
     def begin(self, values: tuple[int, ...]) -> None:
         """Count goals as being asked for: they, or those before, may be in force."""
         self.asking, self.requests, self._asked = True, 0, values
-        self._perhaps_done = set()
+        latest = self.now - ORDER_TIME
+        self._perhaps_done = {g for g, since in enumerate(self._unwanted_since) if since > latest}
 
     def ask(self, values: tuple[int, ...]) -> None:
         """Count goals as asked for; what was completed meanwhile may have been that already."""
@@ -124,13 +126,14 @@ class Watch:
         self.counts[f'kills of {name}'] += 1
         if name == 'manager':
             self._before |= {'command': self.command, 'decision': self._decision}
-            self._manager_since = math.inf
+            self._manager_since, self._threats = math.inf, set()
         elif name == 'mavlink_bridge' and 'fault' not in self._before:
             self._before['fault'] = self.fault
 
     def step(self) -> None:
         """Look at the vehicle."""
         chain = self.chain
+        self._threats.add(chain.threat)
         if chain.armed and not self._armed:
             self.counts['take-offs'] += 1
             if why := self._why_not():
@@ -176,6 +179,9 @@ class Watch:
 
     def _on_states(self, message: UInt8MultiArray) -> None:
         before, self.states = self.states or list(message.data), list(message.data)
+        for goal, (was, now) in enumerate(zip(before, self.states)):
+            if was and not now and self.wanted[goal] and self._near(goal):
+                self._done(goal)  # A bridge that is new may be heard by some and not by others.
         if self._odd(before, self.states):  # What explains it may come later, on another topic.
             self._odd_states.append((self.now + ORDER_TIME, before, self.states))
 
@@ -189,22 +195,27 @@ class Watch:
         if self.asking:
             self._perhaps_done.add(goal)
         if self.wanted[goal]:
-            self.counts['goals done'] += 1
-            self.wanted[goal] = 0
-            self._unwanted_since[goal] = self.now
-            self._unwanted(any(self.wanted))
+            self._done(goal)
         elif self.asking or not self._known(goal):
             self.counts['goals told again'] += 1
         else:
             self.violate(f'{message.data} is completed, unasked or again')
+
+    def _done(self, goal: int) -> None:
+        self.counts['goals done'] += 1
+        self.wanted[goal] = 0
+        self._unwanted_since[goal] = self.now
+        self._unwanted(any(self.wanted))
+
+    def _near(self, goal: int) -> bool:
+        return self.chain.far_from(self.chain.mission.goals[goal].cell) < NEAR
 
     def _known(self, goal: int) -> bool:
         """Whether the manager has had the time to hear that a goal is not wanted."""
         if goal in self._perhaps_done:
             return False
         since = max(self._unwanted_since[goal], self._manager_since)
-        near = self.chain.far_from(self.chain.mission.goals[goal].cell) < NEAR
-        return self.now - since > (REPEAT_TIME if near else EFFECT_TIME)
+        return self.now - since > (REPEAT_TIME if self._near(goal) else EFFECT_TIME)
 
     def _on_command(self, message: String) -> None:
         command, self.command = message.data, message.data
@@ -232,7 +243,7 @@ class Watch:
         del self._before['decision'], self._before['command']
         space = StateSpace(self.chain.mission.k, self.chain.mission.grid.q)
         was, this = (space.split(_numbers(d['state'])) for d in (before, now))
-        if THREAT_LEVELS[int(this.t)] not in (THREAT_LEVELS[int(was.t)], self.chain.threat):
+        if THREAT_LEVELS[int(this.t)] not in self._threats | {THREAT_LEVELS[int(was.t)]}:
             self.violate(f'threat {int(was.t)} is {int(this.t)} after a restart')
         same = all(
             (getattr(was, name) == getattr(this, name)).all() for name in ('f', 'r', 'g', 'l', 't')
