@@ -249,6 +249,7 @@ class Crew:
 
     def _done(self) -> Wait:
         yield from self._until(lambda: not any(self.watch.wanted), 'goals done')
+        yield from self._pass(EFFECT_TIME)  # Else a goal done may pass for one asked for anew.
 
     def _until(self, condition: Callable[[], bool], what: str) -> Wait:
         end = self._whole + LIMIT

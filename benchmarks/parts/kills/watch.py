@@ -100,8 +100,7 @@ class Watch:
     def begin(self, values: tuple[int, ...]) -> None:
         """Count goals as being asked for: they, or those before, may be in force."""
         self.asking, self.requests, self._asked = True, 0, values
-        latest = self.now - ORDER_TIME
-        self._perhaps_done = {g for g, since in enumerate(self._unwanted_since) if since > latest}
+        self._perhaps_done = set()
 
     def ask(self, values: tuple[int, ...]) -> None:
         """Count goals as asked for; what was completed meanwhile may have been that already."""
