@@ -34,10 +34,6 @@ CASE_STUDY = {
 }
 """Parameters that nodes need, for the shipped mission."""
 
-TRANSPORT = 'UDPv4'
-"""How messages travel. Processes that are killed leave shared memory behind, for ever; others of
-the same domain find it, and crash now and then."""
-
 LIMIT = 60.0
 """Seconds before a condition that never comes true fails the test."""
 
@@ -81,7 +77,6 @@ class NodeProcess:
                 | {
                     'ROS_DOMAIN_ID': str(domain),
                     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-                    'FASTDDS_BUILTIN_TRANSPORTS': TRANSPORT,
                     'ROS_HOME': str(folder),
                     'PYTHONUNBUFFERED': '1',
                     **env,
@@ -118,7 +113,6 @@ class Ros:
 
     def __init__(self, domain: int, folder: Path) -> None:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-        os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = TRANSPORT
         self.domain, self.folder = domain, folder
         self.processes: list[NodeProcess] = []
         self.context = Context()
