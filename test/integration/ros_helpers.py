@@ -23,6 +23,8 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
+from uav_mission_manager.nodes.background import dying_with_parent
+
 ROOT = Path(__file__).resolve().parents[2]
 ONE_OF_A_KIND = 'nodes.manager', 'nodes.base_station', 'nodes.mavlink_bridge'
 CASE_STUDY = {
@@ -59,10 +61,29 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
+class Heard(list[Any]):
+    """The messages of a topic that were sent since the last `clear`, as far as they have come."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._since = 0
+
+    def clear(self) -> None:
+        """Forget what was sent up to now, also what is still on its way."""
+        self._since = time.time_ns()
+        super().clear()
+
+    def take(self, message: Any, info: Any) -> None:
+        """Keep a message, with what rclpy knows of it."""
+        if info['source_timestamp'] >= self._since:
+            self.append(message)
+
+
 class NodeProcess:
     """`python -m MODULE ARGS...` with its output in a file, and with a test's own ROS_HOME.
 
-    What a node keeps there, the next one of its kind finds in the same test, and in no other.
+    What a node keeps there, the next one of its kind finds in the same test, and in no other. It
+    dies with the test's process: one left behind would be heard by whoever has its domain next.
     """
 
     def __init__(self, domain: int, folder: Path, module: str, *args: str, **env: str) -> None:
@@ -81,6 +102,7 @@ class NodeProcess:
                     'PYTHONUNBUFFERED': '1',
                     **env,
                 },
+                preexec_fn=dying_with_parent(),
             )
 
     @property
@@ -141,10 +163,10 @@ class Ros:
         self.processes.append(process)
         return process
 
-    def listen(self, topic: str, kind: Any, qos: QoSProfile) -> list[Any]:
+    def listen(self, topic: str, kind: Any, qos: QoSProfile) -> Heard:
         """Return a list that grows with every message."""
-        messages: list[Any] = []
-        self.node.create_subscription(kind, topic, messages.append, qos)
+        messages = Heard()
+        self.node.create_subscription(kind, topic, messages.take, qos)
         return messages
 
     def advertise(self, topic: str, kind: Any, qos: QoSProfile) -> None:

@@ -112,7 +112,7 @@ def test_a_cancellation_while_it_was_dead_is_waited_for(ros: Ros, flight: Flight
     killed(first)
     flight.commands.clear()
     flight.goals.clear()
-    flight.start()
+    flight.start('-p', 'listening_time:=3.0')  # For longer than it takes to be found.
     flight.until_asked([0, 0, 0], 'b')
     flight.until_command('none normal')
     assert {tuple(message.data) for message in flight.goals} == {(0, 0, 0)}

@@ -117,6 +117,40 @@ def test_resumed_it_is_not_held():
     chain.until(lambda: chain.completed, 'goal completed')
 
 
+class HardOfHearing(Mortal):
+    """The chain whose bridge may not hear whether the vehicle has landed."""
+
+    deaf = False
+
+    def _step_bridge(self) -> None:
+        if self.deaf:
+            unheard = mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE.to_bytes(3, 'little')
+            heard = [data for data in self.port.arrived if data[7:10] != unheard]
+            self.port.arrived.clear()
+            self.port.arrived.extend(heard)
+        super()._step_bridge()
+
+
+def test_a_resume_before_the_vehicle_is_known_takes_nothing_from_a_pilot():
+    chain = HardOfHearing()
+    chain.want(0, 2, 0)
+    chain.until_flying()
+    chain.cut()
+    chain.until(lambda: chain.phase == 'no link', 'no link')
+    chain.deaf = True
+    chain.mend()
+    chain.until(lambda: chain.phase == 'waiting', 'waiting')
+    resumed, why = chain.resume()
+    assert not resumed
+    assert 'landed state' in why
+    chain.tell(mavlink.MAV_CMD_DO_SET_MODE, 1, FlightMode.RTL)
+    chain.spend(3.0)
+    chain.deaf, orders = False, len(chain.orders)
+    chain.until(lambda: chain.phase == 'pilot in command', 'pilot in command')
+    chain.spend(10.0)
+    assert chain.orders[orders:] == []
+
+
 @pytest.mark.parametrize('seen', [True, False])
 @pytest.mark.parametrize('mode', [FlightMode.LOITER, FlightMode.RTL, FlightMode.LAND])
 def test_whoever_took_over_has_it_until_resume(mode, seen):

@@ -160,8 +160,8 @@ class VehicleBridge:
 
     def resume(self, now: float) -> tuple[bool, str]:
         """Give command back to the manager; return whether it has it, and what is done now."""
-        if self.output.phase is Phase.NO_LINK:
-            return False, self.output.status
+        if self.output.phase is Phase.NO_LINK or self.telemetry.unheard:
+            return False, self.output.status  # What is heard next, somebody may have done since.
         if not self.pilot.active:
             return False, NOT_ACTIVE
         self.pilot.resume(now)

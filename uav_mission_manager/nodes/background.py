@@ -86,20 +86,28 @@ class LatestOnly:
             yield
 
 
+def dying_with_parent() -> Callable[[], None]:
+    """Return a `preexec_fn` with which a process dies with this one, however this one ends.
+
+    Start the process in the main thread: Linux takes the end of the thread for that of this one.
+    """
+    library, parent = ctypes.CDLL(None), os.getpid()
+
+    def prepare() -> None:
+        library.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:
+            os._exit(1)
+
+    return prepare
+
+
 class Child:
     """A module of this package as a process of its own, which dies with this one.
 
-    Make it in the main thread: Linux takes the end of the thread for that of the process.
+    Make it in the main thread, see `dying_with_parent`.
     """
 
     def __init__(self, module: str, *arguments: str) -> None:
-        library, parent = ctypes.CDLL(None), os.getpid()
-
-        def die_with_parent() -> None:
-            library.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-            if os.getppid() != parent:
-                os._exit(1)
-
         self._process = subprocess.Popen(
             [sys.executable, '-m', f'uav_mission_manager.{module}', *arguments],
             stdin=subprocess.DEVNULL,
@@ -107,7 +115,7 @@ class Child:
             stderr=subprocess.PIPE,
             text=True,
             errors='replace',
-            preexec_fn=die_with_parent,
+            preexec_fn=dying_with_parent(),
         )
 
     def output(self) -> str:

@@ -10,6 +10,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+from uav_mission_manager.nodes.background import dying_with_parent
+
 NAMESPACE = f'/uav{os.getpid()}'
 """Namespace of the vehicle; each run has one of its own, for two demos in one ROS domain."""
 
@@ -106,6 +108,7 @@ class Stack:
                 stdin=subprocess.DEVNULL,
                 start_new_session=True,
                 env={**os.environ, 'PYTHONUNBUFFERED': '1', 'ROS_HOME': self._ros_home},
+                preexec_fn=dying_with_parent(),
             )
 
 
