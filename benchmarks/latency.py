@@ -2,10 +2,10 @@
 
     make bench SCRIPTS=benchmarks/latency.py
 
-A threat level is published and the changed command awaited, between processes; in turn with it a
-string is sent to a minimal rclpy node in a process of its own, and its echo awaited, for noise to
-hit both alike. Meanwhile battery, position and fault mode flow as from a bridge. Writes
-latency.md; ends with exit code 1 where the manager takes more than it may. About two minutes.
+A threat level is published and the changed command awaited, between processes, each time in
+another situation; in turn with it a string is sent to a minimal rclpy node in a process of its
+own, and its echo awaited, for noise to hit both alike. Writes latency.md; ends with exit code 1
+where the manager takes more than it may. About four minutes.
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from parts import pages
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -31,7 +32,9 @@ from rclpy.node import Node
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import String, UInt8MultiArray
 
+from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS
 from uav_mission_manager.nodes import qos
+from uav_mission_manager.policy import Policy, load_policy
 
 MOST = {50.0: 1.5, 99.0: 2.0}
 """Ratio that the manager's time may have to that of the echo, by percentile."""
@@ -45,11 +48,16 @@ GAPS = 0.008, 0.016
 LIMIT = 30.0
 """Time [s] after which an answer is missing: a choice, well above that of discovery."""
 
-BATTERY_RATE, ODOM_RATE, FAULT_RATE = 2.0, 10.0, 1.0
-"""What a bridge sends [Hz]."""
+BATTERY_PERIOD = 0.5
+"""Time [s] between two battery states, as of a bridge."""
+
+HIGH = len(THREAT_LEVELS) - 1
+"""The highest threat level t."""
+
+POLICY = pages.ROOT / 'policies' / 'case_study'
 
 MANAGER = {
-    'policy': pages.ROOT / 'policies' / 'case_study',
+    'policy': POLICY,
     'command_dwell': 0.0,
     'settling_time': 0.0,
     'listening_time': 0.0,
@@ -57,26 +65,68 @@ MANAGER = {
 """Parameters with which each input gives a command at once."""
 
 
+Situation = tuple[int, tuple[int, ...], int]
+"""Fault mode f, priorities g and cell l."""
+
+
+def situations(policy: Policy) -> list[Situation]:
+    """Situations with all goals in range where a high threat changes the command."""
+    k, grid = policy.mission.k, policy.mission.grid
+
+    def number(f: int, g: tuple[int, ...], cell: int, c: int, t: int, m: int) -> int:
+        return policy.decide((f, *(1,) * k, *g, cell, c, t, m)).action.number
+
+    return [
+        (f, g, cell)
+        for f in range(1, len(FAULT_MODES) + 1)
+        for g in product(range(3), repeat=k)
+        for cell in range(grid.q)
+        if all(
+            number(f, g, cell, c, 0, m) != number(f, g, cell, c, HIGH, m)
+            for c in range(k + 1)
+            for m in range(2)
+        )
+    ]
+
+
 class Probe(Node):
     """Sends inputs and awaits what they bring."""
 
-    def __init__(self) -> None:
+    def __init__(self, policy: Policy) -> None:
         super().__init__('probe')
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self)
-        self._heard = {'command': '', 'echo': ''}
+        self._grid, self._situations = policy.mission.grid, situations(policy)
+        self._chance = random.Random(0)
+        self._heard = {'command': '', 'echo': '', 'state': ''}
         self._priorities = self.create_publisher(UInt8MultiArray, 'goal_priorities', qos.STATE_IN)
+        self._fault = self.create_publisher(String, 'fault_mode', qos.STATE_IN)
+        self._odometry = self.create_publisher(Odometry, 'odom', qos.SENSOR)
+        self._battery = self.create_publisher(BatteryState, 'battery_state', qos.SENSOR)
         self._threat = self.create_publisher(String, 'threat_level', qos.STATE_IN)
         self._call = self.create_publisher(String, 'call', qos.STATE_IN)
         self.create_subscription(String, 'mission_command', self._hear('command'), qos.LATCHED)
         self.create_subscription(String, 'echo', self._hear('echo'), qos.LATCHED)
-        self._high, self._calls = False, 0
+        self.create_subscription(
+            DiagnosticArray, 'manager/decision', self._on_decision, qos.LATCHED
+        )
+        self.create_timer(BATTERY_PERIOD, self._charge)
+        self._level, self._calls = 0, 0
 
     def _hear(self, name: str) -> Callable[[String], None]:
         def take(message: String) -> None:
             self._heard[name] = message.data
 
         return take
+
+    def _on_decision(self, message: DiagnosticArray) -> None:
+        values = {pair.key: pair.value for pair in message.status[0].values}
+        self._heard['state'] = values.get('state', '')
+
+    def _charge(self) -> None:
+        message = BatteryState(percentage=0.9, voltage=16.0)
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._battery.publish(message)
 
     def until(self, condition: Callable[[], bool], what: str, poll: float = LIMIT) -> None:
         """Spin until it is true."""
@@ -90,18 +140,41 @@ class Probe(Node):
         """Wait until both nodes answer."""
 
         def asked() -> bool:
-            self._priorities.publish(UInt8MultiArray(data=[1, 1, 1]))
+            self._say(self._situations[0])
+            self._threat.publish(String(data=THREAT_LEVELS[0]))
             self._call.publish(String(data='there?'))
-            return self._heard['command'].startswith('commit') and bool(self._heard['echo'])
+            return bool(self._heard['command'] and self._heard['echo'])
 
         self.until(asked, 'manager and echo', 0.1)
 
+    def _say(self, situation: Situation) -> None:
+        f, g, cell = situation
+        self._fault.publish(String(data=FAULT_MODES[f - 1]))
+        self._priorities.publish(UInt8MultiArray(data=g))
+        message = Odometry()
+        message.header.frame_id = 'map'
+        message.header.stamp = self.get_clock().now().to_msg()
+        message.pose.pose.position.x, message.pose.pose.position.y = self._grid.position(cell)
+        self._odometry.publish(message)
+
+    def move(self) -> None:
+        """Come into another situation, and wait until the manager has decided in it."""
+        situation = self._chance.choice(self._situations)
+        self._say(situation)
+
+        def decided() -> bool:
+            f, *rest, cell, _, level, _ = map(int, self._heard['state'].split())
+            g = tuple(rest[len(rest) // 2 :])
+            return ((f, g, cell), level) == (situation, self._level)
+
+        self.until(decided, f'a decision in {situation}')
+
     def threat(self) -> float:
         """Time [s] from a changed threat level to the changed command."""
-        self._high = not self._high
+        self._level = HIGH - self._level
         before = self._heard['command']
         start = time.perf_counter()
-        self._threat.publish(String(data='high' if self._high else 'none'))
+        self._threat.publish(String(data=THREAT_LEVELS[self._level]))
         self.until(lambda: self._heard['command'] != before, 'another command')
         return time.perf_counter() - start
 
@@ -114,44 +187,24 @@ class Probe(Node):
         self.until(lambda: self._heard['echo'] == text, 'the echo')
         return time.perf_counter() - start
 
-    def rest(self, seconds: float) -> None:
-        """Let time pass."""
-        end = time.monotonic() + seconds
+    def rest(self) -> None:
+        """Let a random time pass."""
+        end = time.monotonic() + self._chance.uniform(*GAPS)
         while (left := end - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=left)
 
 
-def serve_echo(node: Node) -> None:
-    """Answer every string with itself."""
+def serve_echo() -> int:
+    """Answer every string with itself, in a process of its own."""
+    rclpy.init()
+    node = Node('echo')
     echo = node.create_publisher(String, 'echo', qos.LATCHED)
     node.create_subscription(String, 'call', echo.publish, qos.STATE_IN)
-
-
-def serve_vehicle(node: Node) -> None:
-    """Say what a bridge says of a vehicle at its base."""
-
-    def repeat(topic: str, make: Callable[[], Any], profile: Any, rate: float) -> None:
-        publisher = node.create_publisher(type(make()), topic, profile)
-        node.create_timer(1.0 / rate, lambda: publisher.publish(make()))
-
-    def odom() -> Odometry:
-        message = Odometry()
-        message.header.frame_id = 'map'
-        message.header.stamp = node.get_clock().now().to_msg()
-        return message
-
-    def battery() -> BatteryState:
-        message = BatteryState(percentage=0.9, voltage=16.0)
-        message.header.stamp = node.get_clock().now().to_msg()
-        return message
-
-    repeat('battery_state', battery, qos.SENSOR, BATTERY_RATE)
-    repeat('odom', odom, qos.SENSOR, ODOM_RATE)
-    repeat('fault_mode', lambda: String(data='nominal'), qos.STATE_IN, FAULT_RATE)
-
-
-SERVERS = {'echo': serve_echo, 'vehicle': serve_vehicle}
-"""What this script is in processes of its own."""
+    try:
+        rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        rclpy.try_shutdown()
+    return 0
 
 
 def main() -> int:
@@ -159,10 +212,10 @@ def main() -> int:
     parser = pages.parser(__doc__.splitlines()[0])
     parser.add_argument('--samples', type=int, default=3000, help='of each; default: %(default)s')
     parser.add_argument('--manager', default='uav_mission_manager.nodes.manager', help='module')
-    parser.add_argument('--serve', choices=SERVERS, help=argparse.SUPPRESS)
+    parser.add_argument('--echo', action='store_true', help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.serve:
-        return _serve(options.serve)
+    if options.echo:
+        return serve_echo()
     load = os.getloadavg()[0]
     times = _measure(options)
     ratios = {
@@ -174,17 +227,6 @@ def main() -> int:
     return int(any(ratios[p] > most for p, most in MOST.items()))
 
 
-def _serve(name: str) -> int:
-    rclpy.init()
-    node = Node(name)
-    SERVERS[name](node)
-    try:
-        rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        rclpy.try_shutdown()
-    return 0
-
-
 def _measure(options: argparse.Namespace) -> dict[str, np.ndarray]:
     """Times [s] of manager and echo, in turn."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
@@ -192,17 +234,16 @@ def _measure(options: argparse.Namespace) -> dict[str, np.ndarray]:
     parameters = [word for name, value in MANAGER.items() for word in ('-p', f'{name}:={value}')]
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         os.environ['ROS_HOME'] = folder
-        for name in SERVERS:
-            stack.enter_context(_process(folder, __file__, '--serve', name))
+        stack.enter_context(_process(folder, __file__, '--echo'))
         stack.enter_context(_process(folder, '-m', options.manager, '--ros-args', *parameters))
         rclpy.init()
-        probe = Probe()
+        probe = Probe(load_policy(POLICY))
         probe.begin()
         times: dict[str, list[float]] = {'manager': [], 'echo': []}
-        chance = random.Random(0)
         for _ in range(WARM_UP + options.samples):
+            probe.move()
             for name, sample in (('manager', probe.threat), ('echo', probe.echo)):
-                probe.rest(chance.uniform(*GAPS))
+                probe.rest()
                 times[name].append(sample())
         rclpy.shutdown()
     return {name: np.array(all_times[WARM_UP:]) for name, all_times in times.items()}
@@ -225,11 +266,11 @@ def _process(folder: str, *words: str) -> Iterator[None]:
         process.wait()
 
 
-INTRODUCTION = f"""\
+INTRODUCTION = """\
 Time from an input to the command that it changes, between processes: a threat level is published
-and the new `mission_command` awaited. Beside it the time from a string to its echo by a minimal
-rclpy node. Both are taken in turn, while battery ({BATTERY_RATE:g} Hz), position
-({ODOM_RATE:g} Hz) and fault mode flow as from a bridge."""
+and the new `mission_command` awaited. Before each sample fault mode, priorities and cell change at
+random, so that the manager has seldom decided in the same state before. Beside it the time from a
+string to its echo by a minimal rclpy node; both are taken in turn."""
 
 
 def _table(times: dict[str, np.ndarray], load: float) -> str:

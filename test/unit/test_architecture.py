@@ -7,6 +7,8 @@ have one name for two things.
 from __future__ import annotations
 
 import ast
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -206,3 +208,21 @@ def test_names_of_two_things_are_found(first, second, shared, tmp_path):
 def test_the_reference_model_shares_no_code_with_the_package():
     names = imports(ROOT / 'test' / 'brute_force.py')
     assert not any(name.startswith(PACKAGE) for name in names)
+
+
+def test_a_node_starts_and_decides_without_scipy():
+    """Its parts take twice as long to import as all else; only a solver needs them."""
+    program = """
+import sys
+from uav_mission_manager.nodes import base_station, manager, mavlink_bridge, solver
+from uav_mission_manager.policy import load_policy
+for name in 'case_study', 'case_one':
+    policy = load_policy(f'policies/{name}')
+    k = policy.mission.k
+    policy.decide((1, *(1,) * k, *(2,) * k, 0, 0, 0, 0)).upper_bound
+print([name for name in sys.modules if name.startswith('scipy.') and name[6] != '_'])
+"""
+    done = subprocess.run(
+        [sys.executable, '-c', program], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "['scipy.version']"

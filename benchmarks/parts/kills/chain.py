@@ -66,7 +66,7 @@ class Chain:
         self.folder.mkdir(parents=True)
         self.mission = load_mission(MISSION)
         self.given = given
-        self.threat = 'none'
+        self.threat = self.told_threat = 'none'  # now, and when the detector last spoke
         self.armed, self.mode = False, -1
         self.position, self.height = (math.nan, math.nan), math.nan
         self.ended: list[str] = []
@@ -226,6 +226,7 @@ class Chain:
         if now - self._said > REPEAT_PERIOD:
             self._said = now
             self._ask_streams()
+            self.told_threat = self.threat
             self._detector.publish(String(data=self.threat))
             for name, value in self._simulated.items():
                 self._set(name, value)

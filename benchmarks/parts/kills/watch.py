@@ -66,7 +66,7 @@ class Watch:
         self._wanted_until = self._held_at = -math.inf
         self._manager_since = -math.inf
         self._before: dict[str, Any] = {}
-        self._threats: set[str] = set()  # since the manager was killed
+        self._threats: set[str] = set()  # told since the manager was killed, or just before
         self._odd_states: list[tuple[float, list[int], list[int]]] = []
         self._decision: dict[str, str] = {}
         self._armed, self._mode = chain.armed, chain.mode
@@ -125,7 +125,7 @@ class Watch:
         self.counts[f'kills of {name}'] += 1
         if name == 'manager':
             self._before |= {'command': self.command, 'decision': self._decision}
-            self._manager_since, self._threats = math.inf, set()
+            self._manager_since, self._threats = math.inf, {self.chain.told_threat}
         elif name == 'mavlink_bridge' and 'fault' not in self._before:
             self._before['fault'] = self.fault
 

@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy import sparse
+import scipy
 
 from uav_mission_manager.mdp.arrays import IndexArray
 from uav_mission_manager.mdp.grid import Grid
@@ -277,8 +277,10 @@ def _alike(mission: Mission, parts: Sequence[Part], overlap: float) -> list[Inde
     return np.split(other[alike], ends[:-1])[: len(parts)]
 
 
-def _members(sets: Sequence[Sequence[int]], size: int) -> sparse.csr_array:
+def _members(sets: Sequence[Sequence[int]], size: int) -> scipy.sparse.csr_array:
     """1 where a number below `size` is in a set, shape (sets, size)."""
     ends = np.cumsum([0, *map(len, sets)])
     numbers = np.fromiter(itertools.chain.from_iterable(sets), np.int64)
-    return sparse.csr_array((np.ones(len(numbers), np.int64), numbers, ends), (len(sets), size))
+    return scipy.sparse.csr_array(
+        (np.ones(len(numbers), np.int64), numbers, ends), (len(sets), size)
+    )

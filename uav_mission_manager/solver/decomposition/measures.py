@@ -9,7 +9,6 @@ from functools import cached_property
 from itertools import combinations
 
 import numpy as np
-from scipy.signal import fftconvolve
 
 from uav_mission_manager.mdp.arrays import FloatArray, IntArray
 from uav_mission_manager.mdp.dynamics import priority_matrices
@@ -109,6 +108,8 @@ def summed_distances(grid: Grid, cells: IntArray) -> float:
     region = np.zeros((height, width))
     region[row - row.min(), col - col.min()] = 1
     # Its autocorrelation counts the pairs of cells by how far south and east they are apart.
-    counts = np.rint(fftconvolve(region, region[::-1, ::-1]))
     offsets = Grid(2 * height - 1, 2 * width - 1, 0, 0)
+    shape = offsets.rows, offsets.cols
+    spectrum = np.fft.rfft2(region, shape)
+    counts = np.rint(np.fft.fftshift(np.fft.irfft2(np.abs(spectrum) ** 2, shape)))
     return float((counts.ravel() * distances(offsets, offsets.q // 2)).sum())

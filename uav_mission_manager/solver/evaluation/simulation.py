@@ -16,8 +16,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.special import stdtrit
 
 from uav_mission_manager.mdp import dynamics
 from uav_mission_manager.mdp.actions import global_actions
@@ -243,7 +243,7 @@ def estimate(
     weight = mission.discount**horizon
     most = weight * largest_stage_cost(mission) / (1 - mission.discount)
     held = 0.0 if control is None else weight * control.values(states)
-    quantile = float(stdtrit(episodes - 1, (1 + confidence) / 2))
+    quantile = float(scipy.special.stdtrit(episodes - 1, (1 + confidence) / 2))
     mean, error = _mean(samples, episodes)
     least, least_error = _mean(samples - held, episodes)
     return Estimate(

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 from numpy.typing import DTypeLike
-from scipy.linalg import lapack
 
 from uav_mission_manager.mdp.arrays import FloatArray, IntArray, RealArray
 from uav_mission_manager.solver import threads
@@ -54,8 +54,8 @@ class LeastSquares:
         gram = np.zeros((size, size))
         self._share(lambda panel: self._add_products(gram, panel))
         gram[np.diag_indices_from(gram)] += RIDGE
-        factor, _ = lapack.dpotrf(gram, lower=True, overwrite_a=True)
-        inverse, _ = lapack.dpotri(factor, lower=True, overwrite_c=True)
+        factor, _ = scipy.linalg.lapack.dpotrf(gram, lower=True, overwrite_a=True)
+        inverse, _ = scipy.linalg.lapack.dpotri(factor, lower=True, overwrite_c=True)
         self.inverse = (np.tril(inverse) + np.tril(inverse, -1).T).astype(dtype)
 
     def __call__(self, values: RealArray) -> RealArray:

@@ -19,7 +19,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from uav_mission_manager.mdp.arrays import BoolArray, FloatArray, IntArray
 from uav_mission_manager.mdp.mission import Mission
@@ -198,7 +198,8 @@ def matching(gains: FloatArray, goals: IntArray, need: IntArray) -> IntArray:
                 continue
             slots = np.concatenate([np.repeat(team, need[team]), alone])
             parts = gains[:, slots] / need[slots]
-            rows, places = linear_sum_assignment(parts + bonus * (need[slots] > 1), maximize=True)
+            gain = parts + bonus * (need[slots] > 1)
+            rows, places = scipy.optimize.linear_sum_assignment(gain, maximize=True)
             gained = parts[rows, places].sum()
             if gained >= best:
                 best, matched = gained, np.full(agents, -1)
