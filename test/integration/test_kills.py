@@ -28,6 +28,7 @@ class Told:
             namespace='/uav1',
             given=(),
             threat='none',
+            told_threat='none',
             armed=False,
             mode=4,
             aloft=False,
@@ -157,6 +158,15 @@ def test_another_first_command_is_seen(told, command, state, wrong):
     told.watch.killed('manager')
     told.decide(command, state)
     assert bool(told.watch.violations) == wrong
+
+
+def test_a_threat_told_just_before_may_be_what_the_next_one_goes_on_from(told):
+    told.watch.ask((1, 1, 0))
+    told.decide('commit goal1 normal', '1 1 1 1 1 1 0 0 1 0 0')
+    told.chain.told_threat = 'high'
+    told.watch.killed('manager')
+    told.decide('commit goal1 agile', '1 1 1 1 1 1 0 0 1 2 0')
+    assert not told.watch.violations
 
 
 def test_a_first_command_after_a_dwell_may_be_the_one_that_waited(told):

@@ -231,6 +231,10 @@ def test_hold_and_resume_say_so_where_they_can_do_nothing(dummy, ros):
     assert not answer.success
     assert 'no position to hold' in answer.message
     assert flight.heard() == set()
+    answer = ros.call('mavlink_bridge/resume')
+    assert (answer.success, answer.message) == (False, 'not heard yet: position')
+    flight.mute = set()
+    flight.until(lambda: flight.value('phase') not in ('no link', 'waiting'), 'a position')
     assert ros.call('mavlink_bridge/resume').success
 
 
