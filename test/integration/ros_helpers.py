@@ -259,10 +259,14 @@ class Ros:
         return self.call(f'{node}/set_parameters', request, SetParameters).results[0]
 
     def close(self) -> None:
-        """End every process and this node."""
-        for process in self.processes:
-            process.kill()
+        """End this node and every process.
+
+        This node first: Fast DDS makes the shared memory anew in which a killed process was
+        writing, and a node that is destroyed meanwhile crashes.
+        """
         # An executor that still waits for what a node is made of can crash its destruction.
         self.executor.shutdown()
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
+        for process in self.processes:
+            process.kill()

@@ -419,6 +419,36 @@ def test_requests_as_the_vehicle_gets_them(make):
     assert (speed.command, speed.param1, speed.param2) == (mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 5)
 
 
+def said(wire: Wire, number: int, mode: int, seconds: float = 0.05) -> list[int]:
+    """Modes that the link tells of after a HEARTBEAT with a number of its own."""
+    wire.peer._mav.seq = number % 256
+    ids = mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+    wire.peer.say(mavlink.MAVLink_heartbeat_message(*ids, 81, mode, 3, 3), 1)
+    return [m.custom_mode for m in wire.poll(seconds) if m.get_type() == 'HEARTBEAT']
+
+
+@pytest.mark.parametrize('first', [69, 2])
+def test_a_state_that_was_overtaken_is_over(make, first):
+    wire = make().up()
+    assert said(wire, first, mode=9) == [9]
+    assert said(wire, first - 3, mode=4) == []
+    assert said(wire, first + 3, mode=6) == [6]
+    wire.link.send((ARM,), wire.now)
+    wire.peer._mav.seq = (first + 1) % 256
+    wire.peer.ack(ARM.number)
+    wire.poll()
+    assert [answer.accepted for answer in wire.link.take_answers()] == [True]
+
+
+def test_a_count_that_begins_anew_is_followed_within_a_second(make):
+    wire = make().up()
+    assert said(wire, 30, mode=9) == [9]
+    assert said(wire, 1, mode=4) == []
+    assert said(wire, 2, mode=4, seconds=1.0) == []
+    assert said(wire, 3, mode=4) == [4]
+    assert said(wire, 200, mode=5) == [5], 'many were lost'
+
+
 def test_noise_on_the_line_is_skipped(make):
     wire = make().up()
     wire.peer.raw(b'')

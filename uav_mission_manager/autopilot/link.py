@@ -27,6 +27,13 @@ REBOOT_STEP = 1000
 """How far [ms] the autopilot's time since boot goes back when it has rebooted, at least: a choice,
 as datagrams can overtake each other."""
 
+OVERTAKING_TIME, OVERTAKING_COUNT = 1.0, 50
+"""By how much time [s] and how many messages one may overtake another: choices, as the count of
+MAVLink begins anew after 256, and after a reboot."""
+
+EVENTS = ('COMMAND_ACK', 'STATUSTEXT')
+"""Messages that count also when a later one has overtaken them; others say what is true now."""
+
 BOOTING = (mavlink.MAV_STATE_UNINIT, mavlink.MAV_STATE_BOOT)
 """States of an autopilot that has just started."""
 
@@ -90,6 +97,7 @@ class AutopilotLink:
         self._stale_since: float | None = None
         self._status = mavlink.MAV_STATE_BOOT
         self._boot_time = 0
+        self._newest, self._newest_at = 0, -math.inf  # The autopilot's count, and when.
         self.up = self.rebooted = False
 
     @property
@@ -131,7 +139,7 @@ class AutopilotLink:
         """Send the own heartbeat and return the autopilot's new messages; call it often.
 
         After a gap nothing is returned of what came meanwhile, and the link is lost until the
-        next HEARTBEAT.
+        next HEARTBEAT. Nor is a state that a later message has overtaken on the way: it is over.
         """
         if self._polled_at is not None and not 0 <= now - self._polled_at <= MAX_POLL_GAP:
             self._stale_since, self._beat_at = now, -math.inf
@@ -143,6 +151,8 @@ class AutopilotLink:
         messages: list[Any] = []
         for message, address in self._read(now):
             if self._stale_since is not None or not self._identity.hear(message, address, now):
+                continue
+            if self._is_overtaken(message, now) and message.get_type() not in EVENTS:
                 continue
             if self._has_rebooted(message):
                 self.rebooted = True
@@ -257,6 +267,14 @@ class AutopilotLink:
         asked_for = self._streams.seen(message.get_msgId(), now)
         if asked_for is not None:
             self.refused.pop(asked_for.name, None)
+
+    def _is_overtaken(self, message: Any, now: float) -> bool:
+        """Whether one that the autopilot sent later has come before."""
+        behind = (self._newest - message.get_seq()) % 256
+        if 0 < behind <= OVERTAKING_COUNT and 0.0 <= now - self._newest_at <= OVERTAKING_TIME:
+            return True
+        self._newest, self._newest_at = message.get_seq(), now
+        return False
 
     def _has_rebooted(self, message: Any) -> bool:
         kind = message.get_type()

@@ -156,8 +156,7 @@ class Invariants:
         return False
 
     def _see_mode(self, message: Any) -> None:
-        """Of what has come at once the last counts: the bridge cannot know which is older."""
-        self._sees = False
+        """Whoever else has command is seen by the mode, and in it nothing is ordered any more."""
         foreign = self.day.vehicle.foreign
         if foreign is None or foreign != message.custom_mode:
             return
