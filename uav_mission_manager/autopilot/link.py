@@ -27,12 +27,12 @@ REBOOT_STEP = 1000
 """How far [ms] the autopilot's time since boot goes back when it has rebooted, at least: a choice,
 as datagrams can overtake each other."""
 
-OVERTAKING_TIME, OVERTAKING_COUNT = 1.0, 50
-"""By how much time [s] and how many messages one may overtake another: choices, as the count of
-MAVLink begins anew after 256, and after a reboot."""
+OVERTAKING_TIME, OVERTAKING_COUNT = 0.5, 50
+"""By how much time [s] and how many messages one may overtake another of its kind, at most:
+choices. MAVLink counts messages of all kinds, and begins anew after 256, and after a reboot."""
 
 EVENTS = ('COMMAND_ACK', 'STATUSTEXT')
-"""Messages that count also when a later one has overtaken them; others say what is true now."""
+"""Messages that count although a later one has come first; others say what is true now."""
 
 BOOTING = (mavlink.MAV_STATE_UNINIT, mavlink.MAV_STATE_BOOT)
 """States of an autopilot that has just started."""
@@ -97,7 +97,7 @@ class AutopilotLink:
         self._stale_since: float | None = None
         self._status = mavlink.MAV_STATE_BOOT
         self._boot_time = 0
-        self._newest, self._newest_at = 0, -math.inf  # The autopilot's count, and when.
+        self._newest: dict[str, tuple[int, float]] = {}  # By kind, its number and when it came.
         self.up = self.rebooted = False
 
     @property
@@ -139,7 +139,7 @@ class AutopilotLink:
         """Send the own heartbeat and return the autopilot's new messages; call it often.
 
         After a gap nothing is returned of what came meanwhile, and the link is lost until the
-        next HEARTBEAT. Nor is a state that a later message has overtaken on the way: it is over.
+        next HEARTBEAT. Nor is a state that a later one has overtaken on the way: it is over.
         """
         if self._polled_at is not None and not 0 <= now - self._polled_at <= MAX_POLL_GAP:
             self._stale_since, self._beat_at = now, -math.inf
@@ -269,11 +269,13 @@ class AutopilotLink:
             self.refused.pop(asked_for.name, None)
 
     def _is_overtaken(self, message: Any, now: float) -> bool:
-        """Whether one that the autopilot sent later has come before."""
-        behind = (self._newest - message.get_seq()) % 256
-        if 0 < behind <= OVERTAKING_COUNT and 0.0 <= now - self._newest_at <= OVERTAKING_TIME:
+        """Whether one of its kind that the autopilot sent later has come before."""
+        kind, number = message.get_type(), message.get_seq()
+        newest, at = self._newest.get(kind, (number, now))
+        behind = (newest - number) % 256
+        if 0 < behind <= OVERTAKING_COUNT and 0.0 <= now - at <= OVERTAKING_TIME:
             return True
-        self._newest, self._newest_at = message.get_seq(), now
+        self._newest[kind] = number, now
         return False
 
     def _has_rebooted(self, message: Any) -> bool:

@@ -79,6 +79,8 @@ class Vehicle:
     foreign : SimulatedMode or None
         The mode that the vehicle was put into in flight by anyone but the bridge, if it is still
         in that mode.
+    piloted : bool
+        Whether a pilot has changed the mode in this flight.
     """
 
     def __init__(self, grid: Grid, rng: random.Random) -> None:
@@ -94,6 +96,7 @@ class Vehicle:
         self._autopilot = SimulatedAutopilot(self.flight, [self._bridge, self._crew], camera=True)
         self._encoder = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         self.foreign: SimulatedMode | None = None
+        self.piloted = False
         self._mode = self.flight.mode
 
     def write(self, data: bytes) -> None:
@@ -109,6 +112,7 @@ class Vehicle:
         for _ in range(SUBSTEPS):
             self._autopilot.step(dt / SUBSTEPS)
         self._watch_mode(by_bridge=False)
+        self.piloted = self.piloted and self.airborne
 
     def tell(self, number: int, *params: float) -> None:
         """Give the autopilot a command from the ground, by a radio of the crew's own."""
@@ -116,6 +120,7 @@ class Vehicle:
         message = mavlink.MAVLink_command_long_message(1, 1, number, 0, *params)
         self._autopilot.receive(self._crew, message.pack(self._encoder))
         self._watch_mode(by_bridge=False)
+        self.piloted = self.piloted or number == mavlink.MAV_CMD_DO_SET_MODE
 
     def _watch_mode(self, *, by_bridge: bool) -> None:
         flight = self.flight

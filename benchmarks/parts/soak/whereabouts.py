@@ -90,7 +90,7 @@ class Whereabouts:
         if outside and not self._was_blown:
             fail('on the grid', 'at {:.0f} m east, {:.0f} m north'.format(*vehicle.place))
         self._check_fence()
-        if vehicle.flight.body.battery.charge <= 0.0:
+        if vehicle.flight.body.battery.charge <= 0.0 and not vehicle.piloted:
             fail('reserve', 'the battery is empty in the air')
 
     @property
