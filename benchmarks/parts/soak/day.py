@@ -25,6 +25,9 @@ KEPT_LINES = 60
 SAID_STEPS = 40
 """Steps for which it is remembered what the bridge has said: two seconds."""
 
+NOT_TAKEN = 'no heartbeat', 'not heard yet'
+"""Answers of ~/resume that change nothing; of all others something is told that is true now."""
+
 WINDY = 6.0
 """Wind [m/s] from which the way home may be long: a choice."""
 
@@ -126,7 +129,7 @@ class Day:
         self.note('people', f'~/resume: {text}')
         if self._notice_death(self.bridge):  # Nobody knows whether it was taken.
             return False
-        taken = done or 'no heartbeat' not in text
+        taken = done or not any(why in text for why in NOT_TAKEN)
         if not taken:
             self.invariants.not_resumed(before)
         return taken
