@@ -38,10 +38,10 @@ demo: $(READY)
 # With ARGS such as "-k name" one of the two may have nothing to run, which pytest says with exit code 5.
 NONE_CHOSEN = $(if $(ARGS),|| test $$? -eq 5)
 
-# Unit tests share the processors; integration tests mostly wait, so three at a time, after them.
+# Unit tests share the processors; integration tests mostly wait, so four at a time, after them.
 test: $(READY)
 	$(RUN) -m pytest test/unit test/property -n auto $(ARGS) $(NONE_CHOSEN)
-	$(RUN) -m pytest test/integration -n 3 $(ARGS) $(NONE_CHOSEN)
+	$(RUN) -m pytest test/integration -n 4 $(ARGS) $(NONE_CHOSEN)
 
 lint: $(READY)
 	$(RUN) -m ruff check
