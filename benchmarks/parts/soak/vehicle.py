@@ -80,7 +80,7 @@ class Vehicle:
         The mode that the vehicle was put into in flight by anyone but the bridge, if it is still
         in that mode.
     piloted : bool
-        Whether a pilot has changed the mode in this flight.
+        Whether a pilot has changed the mode since the last take-off.
     """
 
     def __init__(self, grid: Grid, rng: random.Random) -> None:
@@ -105,14 +105,15 @@ class Vehicle:
 
     def step(self, dt: float, now: float) -> None:
         """Hear what has arrived, and fly on."""
-        self._now = now
+        self._now, stood = now, not self.airborne
         for _, data in self.up.arrived(now):
             self._autopilot.receive(self._bridge, data)
             self._watch_mode(by_bridge=True)
         for _ in range(SUBSTEPS):
             self._autopilot.step(dt / SUBSTEPS)
         self._watch_mode(by_bridge=False)
-        self.piloted = self.piloted and self.airborne
+        if stood and self.airborne:
+            self.piloted = False
 
     def tell(self, number: int, *params: float) -> None:
         """Give the autopilot a command from the ground, by a radio of the crew's own."""

@@ -90,8 +90,17 @@ class Whereabouts:
         if outside and not self._was_blown:
             fail('on the grid', 'at {:.0f} m east, {:.0f} m north'.format(*vehicle.place))
         self._check_fence()
-        if vehicle.flight.body.battery.charge <= 0.0 and not vehicle.piloted:
+        if self._empty and not vehicle.piloted:
             fail('reserve', 'the battery is empty in the air')
+
+    @property
+    def drained(self) -> bool:
+        """Whether the battery is empty after a flight in which a pilot had command."""
+        return self._empty and self._day.vehicle.piloted
+
+    @property
+    def _empty(self) -> bool:
+        return self._day.vehicle.flight.body.battery.charge <= 0.0
 
     @property
     def _blown(self) -> bool:
