@@ -444,6 +444,15 @@ def test_one_that_was_overtaken_by_another_kind_counts(make, number):
     assert said(wire, number, mode=9) == [9]
 
 
+@pytest.mark.parametrize(('command', 'modes'), [(mavlink.MAV_CMD_DO_SET_MODE, []), (STREAM, [9])])
+def test_a_mode_told_before_another_was_accepted_is_over(make, command, modes):
+    wire = make().up()
+    wire.peer._mav.seq = 20
+    wire.peer.ack(command)
+    wire.poll()
+    assert said(wire, 19, mode=9) == modes
+
+
 def test_an_answer_counts_though_a_later_one_came_first(make):
     wire = make().up()
     wire.link.send((ARM, TAKE_OFF), wire.now)

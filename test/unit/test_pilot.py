@@ -1022,7 +1022,7 @@ def test_a_take_off_that_leads_nowhere_is_given_up():
     requests, _, step = flight.set(armed=True).run(SETTINGS.progress_timeout - 1.0)
     assert step.phase is Phase.TAKE_OFF
     assert [type(request) for request in requests] == 4 * [TakeOff]
-    flight.pilot.answered(TakeOff, False, 'FAILED: too heavy')
+    flight.pilot.answered(TakeOff, False, 'FAILED: too heavy', flight.now)
     flight.now += 2.0
     held_on_the_ground(flight, 'no take-off in 30 s: FAILED: too heavy')
 
@@ -1054,7 +1054,7 @@ def test_a_bad_position_is_not_held():
 
 def refuse(flight: Flight, times: int):
     for _ in range(times):
-        flight.pilot.answered(Fly, False, 'FAILED: outside the fence')
+        flight.pilot.answered(Fly, False, 'FAILED: outside the fence', flight.now)
 
 
 def test_a_refused_flight_makes_its_goal_out_of_reach():
@@ -1089,7 +1089,7 @@ def test_an_accepted_flight_takes_the_refusals_back():
     flight.step()
     refuse(flight, 2)
     assert flight.step().phase is Phase.BLOCKED
-    flight.pilot.answered(Fly, True, '')
+    flight.pilot.answered(Fly, True, '', flight.now)
     assert flight.step().phase is Phase.EN_ROUTE
 
 

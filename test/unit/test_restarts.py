@@ -118,13 +118,13 @@ def test_resumed_it_is_not_held():
 
 
 class HardOfHearing(Mortal):
-    """The chain whose bridge may not hear whether the vehicle has landed."""
+    """The chain whose bridge may not hear one kind of message."""
 
-    deaf = False
+    unheard: int | None = None
 
     def _step_bridge(self) -> None:
-        if self.deaf:
-            unheard = mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE.to_bytes(3, 'little')
+        if self.unheard is not None:
+            unheard = self.unheard.to_bytes(3, 'little')
             heard = [data for data in self.port.arrived if data[7:10] != unheard]
             self.port.arrived.clear()
             self.port.arrived.extend(heard)
@@ -137,7 +137,7 @@ def test_a_resume_before_the_vehicle_is_known_takes_nothing_from_a_pilot():
     chain.until_flying()
     chain.cut()
     chain.until(lambda: chain.phase == 'no link', 'no link')
-    chain.deaf = True
+    chain.unheard = mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE
     chain.mend()
     chain.until(lambda: chain.phase == 'waiting', 'waiting')
     resumed, why = chain.resume()
@@ -145,8 +145,29 @@ def test_a_resume_before_the_vehicle_is_known_takes_nothing_from_a_pilot():
     assert 'landed state' in why
     chain.tell(mavlink.MAV_CMD_DO_SET_MODE, 1, FlightMode.RTL)
     chain.spend(3.0)
-    chain.deaf, orders = False, len(chain.orders)
+    chain.unheard, orders = None, len(chain.orders)
     chain.until(lambda: chain.phase == 'pilot in command', 'pilot in command')
+    chain.spend(10.0)
+    assert chain.orders[orders:] == []
+
+
+def test_a_landing_that_was_broken_off_goes_on_if_a_pilot_wants_it():
+    """Before GUIDED is heard of, LAND may be the bridge's own; once it is accepted, it is not."""
+    chain = HardOfHearing()
+    chain.want(0, 2, 0)
+    chain.until_flying()
+    chain.want(0, 0, 0)
+    chain.until(lambda: chain.phase == 'landing', 'landing')
+    chain.spend(3.0)
+    chain.want(0, 2, 0)
+    chain.until(lambda: 'commit' in chain.command, 'another command')
+    chain.unheard = mavlink.MAVLINK_MSG_ID_HEARTBEAT
+    chain.until(lambda: chain.flight.mode == FlightMode.GUIDED, 'broken off')
+    chain.spend(0.2)
+    chain.tell(mavlink.MAV_CMD_DO_SET_MODE, 1, FlightMode.LAND)
+    chain.spend(0.2)
+    chain.unheard, orders = None, len(chain.orders)
+    chain.until(lambda: chain.phase == 'pilot in command', 'pilot in command', 5.0)
     chain.spend(10.0)
     assert chain.orders[orders:] == []
 

@@ -52,6 +52,8 @@ class Authority:
         self._mode: int | None = None  # the mode in which this program is in command
         self._ordered: int | None = None  # the mode that it waits for
         self._ordered_at = -math.inf
+        self._accepted_at = math.inf  # when the order for that mode was, if it was
+        self._alone = True  # nor was another mode waited for when it was given
         self._arm_asked: float | None = None  # until the motors run, or it has had its time
         self._adopt = False
         self._restored = False  # and nothing seen since
@@ -66,7 +68,17 @@ class Authority:
 
     def order(self, mode: FlightMode, present: int | None, now: float) -> None:
         """Count a change from the present mode to `mode` as ordered from here."""
+        if mode != self._ordered:
+            self._alone, self._accepted_at = self._ordered is None, math.inf
         self._mode, self._ordered, self._ordered_at = present, mode, now
+
+    def accepted(self, now: float) -> None:
+        """Take note of it that the order was accepted: what is heard later is its effect, or not.
+
+        An answer does not say to which mode it belongs, if two were ordered.
+        """
+        if self._alone:
+            self._accepted_at = min(self._accepted_at, now)
 
     def arm(self, now: float) -> None:
         """Count motors that start now as started from here."""
@@ -137,6 +149,8 @@ class Authority:
             self._mode, self._ordered, self._adopt = telemetry.mode, None, False
         if now - self._ordered_at > REQUEST_EFFECT_TIME:
             self._ordered = None
+        if self._ordered is not None and telemetry.received['HEARTBEAT'] > self._accepted_at:
+            self._mode, self._ordered = self._ordered, None
         if not self.taken:
             self._watch_falls(telemetry, now)
             self.taken = self._someone_else(telemetry)

@@ -207,7 +207,7 @@ class VehicleBridge:
         for answer in self.link.take_answers():
             kind = REQUESTED_BY.get(answer.command.number)
             if kind is not None:
-                self.pilot.answered(kind, answer.accepted, answer.why)
+                self.pilot.answered(kind, answer.accepted, answer.why, now)
         self._look_for_reboot(now)
         output = self.pilot.update(self.telemetry if self.link.up else None, now)
         last, self.output = self.output, output

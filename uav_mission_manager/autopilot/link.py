@@ -269,8 +269,13 @@ class AutopilotLink:
             self.refused.pop(asked_for.name, None)
 
     def _is_overtaken(self, message: Any, now: float) -> bool:
-        """Whether one of its kind that the autopilot sent later has come before."""
+        """Whether one of its kind that the autopilot sent later has come before.
+
+        The answer to a change of mode makes a HEARTBEAT old, too: it may tell the mode before.
+        """
         kind, number = message.get_type(), message.get_seq()
+        if kind == 'COMMAND_ACK' and message.command == mavlink.MAV_CMD_DO_SET_MODE:
+            kind = 'HEARTBEAT'
         newest, at = self._newest.get(kind, (number, now))
         behind = (newest - number) % 256
         if 0 < behind <= OVERTAKING_COUNT and 0.0 <= now - at <= OVERTAKING_TIME:

@@ -50,6 +50,10 @@ REPEAT_PERIOD = 1.0
 QUEUE_TIME = 0.1
 """Time [s] in which what a killed node had sent arrives: a choice."""
 
+BATTERY = 50.0
+"""Capacity of the simulated battery [Ah]: a choice, so large that it brings no vehicle down whose
+nodes die all the time."""
+
 NEAR = 30.0
 """Distance [m] from the centre of a cell within which the vehicle is there: a choice."""
 
@@ -78,7 +82,7 @@ class Chain:
         self._mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         self._mav.robust_parsing = True
         self._said = -math.inf
-        self._simulated: dict[str, float] = {}
+        self._simulated = {'SIM_BATT_CAP_AH': BATTERY}
         self._detector = ros.node.create_publisher(
             String, self.topic('threat_level'), qos.STATE_IN
         )
