@@ -8,8 +8,9 @@ from importlib import import_module
 import pytest
 import yaml
 
+from uav_mission_manager.likeness import likeness, nearest
 from uav_mission_manager.nodes.ending import NODES, node_run
-from uav_mission_manager.nodes.overrides import MISSPELT, given_to_all, likeness
+from uav_mission_manager.nodes.overrides import MISSPELT, given_to_all
 from uav_mission_manager.paths import expanded, share_directory
 
 NAMES = {
@@ -36,7 +37,7 @@ def test_no_parameter_of_a_node_passes_for_a_misspelt_one_of_another(one, other)
 )
 def test_misspelt_names_are_like_those_that_are_meant(name, meant):
     assert likeness(name, meant) > MISSPELT
-    assert max(set().union(*NAMES.values()), key=lambda other: likeness(name, other)) == meant
+    assert nearest(name, set().union(*NAMES.values())) == meant
 
 
 def test_the_shipped_params_file_has_parameters_of_its_nodes_only():

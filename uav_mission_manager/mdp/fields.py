@@ -1,13 +1,13 @@
-"""Reading one field after the other: values checked, errors in one line with their place."""
+"""Checks of single values of a mission file, each with what it says as JSON Schema."""
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Callable, Collection, Mapping
-from typing import Any, NoReturn, TypeVar
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
 
-from uav_mission_manager.echo import quoted, shown
+from uav_mission_manager.echo import quoted
 from uav_mission_manager.mdp.mission import Matrix, Row
 
 ROW_SUM_TOLERANCE = 1e-9
@@ -19,61 +19,28 @@ MAX_NAME_LENGTH = 100
 _T = TypeVar('_T')
 
 
-class MissionError(ValueError):
-    """A mission that cannot be used; the message names the source, the field and the value."""
-
-
 class Bad(ValueError):
-    """What is wrong with one value; the section that reads it adds where."""
+    """What is wrong with one value; the section that reads it adds where (`mdp.tables`)."""
 
 
-NO_DEFAULT: Any = object()
-"""Default of a field that must be given."""
+@dataclass(frozen=True)
+class Check(Generic[_T]):
+    """What a value must be: a function that checks it, and the same said in JSON Schema.
 
+    Attributes
+    ----------
+    read : callable
+        Returns the checked value, or raises `Bad`.
+    schema : mapping
+        Accepts every value that `read` accepts, and as few others as it can.
+    """
 
-class Section:
-    """A mapping being read: every key once, by name; `end` refuses what is left."""
+    read: Callable[[Any], _T]
+    schema: Mapping[str, Any]
 
-    def __init__(self, data: Any, source: str, place: str) -> None:
-        self.source, self.place = source, place
-        if not isinstance(data, Mapping):
-            self.fail('', f'{quoted(data)} is not a mapping')
-        self.data: Mapping[Any, Any] = data
-        self.known: dict[Any, None] = {}  # In the order they were asked for.
-
-    def fail(self, key: object, problem: str) -> NoReturn:
-        """Raise a `MissionError` about one field."""
-        field = f'{self.place}.{shown(key)}'.strip('.') or 'mission'
-        raise MissionError(f'{shown(self.source)}: {field}: {problem}')
-
-    def get(self, key: str, check: Callable[[Any], _T], default: Any = NO_DEFAULT) -> _T:
-        """Return the checked value of a field, or its default."""
-        self.known[key] = None
-        if key not in self.data:
-            if default is NO_DEFAULT:
-                self.fail(key, 'is missing')
-            return default
-        try:
-            return check(self.data[key])
-        except Bad as error:
-            self.fail(key, str(error))
-
-    def section(self, key: str, read: Callable[[Section], _T], default: Any = NO_DEFAULT) -> _T:
-        """Return what `read` makes of a mapping below, or the default."""
-        value = self.get(key, lambda data: data, default)
-        if key not in self.data:
-            return value
-        section = Section(value, self.source, f'{self.place}.{key}'.strip('.'))
-        result = read(section)
-        section.end()
-        return result
-
-    def end(self) -> None:
-        """Refuse fields nobody asked for, naming the nearest known one."""
-        for key in self.data:
-            if key not in self.known:
-                near = difflib.get_close_matches(shown(key), self.known, n=1, cutoff=0.0)
-                self.fail(key, f'is unknown; the nearest known key is {near[0]!r}')
+    def __call__(self, value: Any) -> _T:
+        """Return the checked value."""
+        return self.read(value)
 
 
 def number(value: Any) -> float:
@@ -100,7 +67,7 @@ def numbers(data: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
     return {key: data[key] for key in names}
 
 
-def within(low: float, high: float) -> Callable[[Any], float]:
+def within(low: float, high: float) -> Check[float]:
     """Return a check for a number within low..high."""
 
     def check(value: Any) -> float:
@@ -109,38 +76,59 @@ def within(low: float, high: float) -> Callable[[Any], float]:
             raise Bad(f'{quoted(value)} is outside {low:g}..{high:g}')
         return checked
 
-    return check
+    return Check(check, {'type': 'number', 'minimum': low, 'maximum': high})
 
 
 probability = within(0.0, 1.0)
 """Check a number within 0..1."""
 
 
-def non_negative(value: Any) -> float:
-    """Check a number that is not negative."""
+def _non_negative(value: Any) -> float:
     checked = number(value)
     if checked < 0:
         raise Bad(f'{quoted(value)} is negative')
     return checked
 
 
-def positive(value: Any) -> float:
-    """Check a number above 0."""
+def _positive(value: Any) -> float:
     checked = number(value)
     if checked <= 0:
         raise Bad(f'{quoted(value)} is not above 0')
     return checked
 
 
-def open_unit(value: Any) -> float:
-    """Check a number between 0 and 1, both excluded."""
+def _open_unit(value: Any) -> float:
     checked = number(value)
     if not 0 < checked < 1:
         raise Bad(f'{quoted(value)} is not between 0 and 1')
     return checked
 
 
-def integer(low: int, high: int | None = None) -> Callable[[Any], int]:
+non_negative = Check(_non_negative, {'type': 'number', 'minimum': 0})
+"""Check a number that is not negative."""
+
+positive = Check(_positive, {'type': 'number', 'exclusiveMinimum': 0})
+"""Check a number above 0."""
+
+open_unit = Check(_open_unit, {'type': 'number', 'exclusiveMinimum': 0, 'exclusiveMaximum': 1})
+"""Check a number between 0 and 1, both excluded."""
+
+
+def positive_or(word: str, meaning: float) -> Check[float]:
+    """Return a check for a number above 0, or a word that stands for a number."""
+
+    def check(value: Any) -> float:
+        if value == word:
+            return meaning
+        try:
+            return positive(value)
+        except Bad as error:
+            raise Bad(f'{error}, nor {word}') from None
+
+    return Check(check, {'anyOf': [positive.schema, {'const': word}]})
+
+
+def integer(low: int, high: int | None = None) -> Check[int]:
     """Return a check for a whole number from low, to high if given."""
 
     def check(value: Any) -> int:
@@ -150,11 +138,11 @@ def integer(low: int, high: int | None = None) -> Callable[[Any], int]:
             raise Bad(f'{quoted(value)} is outside {low}..{"" if high is None else high}')
         return value
 
-    return check
+    top = {} if high is None else {'maximum': high}
+    return Check(check, {'type': 'integer', 'minimum': low, **top})
 
 
-def name(value: Any) -> str:
-    """Check a string without white space, which every log and topic can carry."""
+def _name(value: Any) -> str:
     if not isinstance(value, str) or not value or value.split() != [value]:
         raise Bad(f'{quoted(value)} is not a name (a string without white space)')
     if len(value) > MAX_NAME_LENGTH:
@@ -164,7 +152,11 @@ def name(value: Any) -> str:
     return value
 
 
-def one_of(*names: str) -> Callable[[Any], str]:
+name = Check(_name, {'type': 'string', 'pattern': r'^\S+$', 'maxLength': MAX_NAME_LENGTH})
+"""Check a string without white space, which every log and topic can carry."""
+
+
+def one_of(*names: str) -> Check[str]:
     """Return a check for one of several names."""
 
     def check(value: Any) -> str:
@@ -172,10 +164,14 @@ def one_of(*names: str) -> Callable[[Any], str]:
             raise Bad(f'{quoted(value)} is none of {", ".join(names)}')
         return str(value)
 
-    return check
+    return Check(check, {'enum': list(names)})
 
 
-def row(length: int, check: Callable[[Any], float]) -> Callable[[Any], Row]:
+def _list_of(length: int, entry: Mapping[str, Any]) -> dict[str, Any]:
+    return {'type': 'array', 'items': dict(entry), 'minItems': length, 'maxItems': length}
+
+
+def row(length: int, check: Check[float]) -> Check[Row]:
     """Return a check for a list of numbers."""
 
     def check_row(value: Any) -> Row:
@@ -183,10 +179,10 @@ def row(length: int, check: Callable[[Any], float]) -> Callable[[Any], Row]:
             raise Bad(f'{quoted(value)} is not a list of {length} numbers')
         return tuple(check(entry) for entry in value)
 
-    return check_row
+    return Check(check_row, _list_of(length, check.schema))
 
 
-def matrix(rows: int, check_row: Callable[[Any], Row]) -> Callable[[Any], Matrix]:
+def matrix(rows: int, check_row: Check[Row]) -> Check[Matrix]:
     """Return a check for a list of rows."""
 
     def check_matrix(value: Any) -> Matrix:
@@ -194,16 +190,21 @@ def matrix(rows: int, check_row: Callable[[Any], Row]) -> Callable[[Any], Matrix
             raise Bad(f'{quoted(value)} is not a list of {rows} rows')
         return tuple(check_row(row) for row in value)
 
-    return check_matrix
+    return Check(check_matrix, _list_of(rows, check_row.schema))
 
 
-def distribution(value: Any) -> Row:
-    """Check three probabilities that sum to 1."""
-    values = row(3, probability)(value)
+_three_probabilities = row(3, probability)
+
+
+def _distribution(value: Any) -> Row:
+    values = _three_probabilities(value)
     if abs(sum(values) - 1) > ROW_SUM_TOLERANCE:
         raise Bad(f'row {quoted(value)} sums to {sum(values):.12g}, not to 1')
     return values
 
+
+distribution = Check(_distribution, _three_probabilities.schema)
+"""Check three probabilities that sum to 1."""
 
 stochastic_matrix = matrix(3, distribution)
 """Check a list of three rows of three probabilities, each of which sums to 1."""

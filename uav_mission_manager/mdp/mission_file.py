@@ -1,4 +1,7 @@
-"""Reading mission files: YAML in, a checked `Mission` out, or one clear line of what is wrong."""
+"""Reading mission files: YAML in, a checked `Mission` out, or one clear line of what is wrong.
+
+A mission is per epoch; what a file gives in physical units is converted here (`mdp.epoch`).
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,8 @@ import yaml
 from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.geodesy import Origin
 from uav_mission_manager.mdp import fields
-from uav_mission_manager.mdp.fields import Bad, MissionError, Section
+from uav_mission_manager.mdp.epoch import Epoch
+from uav_mission_manager.mdp.fields import Bad
 from uav_mission_manager.mdp.grid import Grid
 from uav_mission_manager.mdp.mission import (
     ByMode,
@@ -24,17 +28,17 @@ from uav_mission_manager.mdp.mission import (
     Mission,
     Parts,
     Range,
+    Row,
     ServiceCost,
     Threat,
 )
+from uav_mission_manager.mdp.mission_table import MAX_CELLS, MISSION_TABLE
 from uav_mission_manager.mdp.strict_yaml import read_yaml
+from uav_mission_manager.mdp.tables import CELL_NUMBER, MissionError, Section, as_given
 from uav_mission_manager.paths import opened_file
 
 MAX_FILE_BYTES = 8_000_000
 """Bytes of a mission file at most: a choice, several times those of one with 90,000 zones."""
-
-MAX_CELLS = 1_000_000
-"""Cells of a grid at most: a choice; one goal on so many takes a minute and gigabytes."""
 
 
 def load_mission(path: str | Path) -> Mission:
@@ -72,36 +76,59 @@ def mission_from_dict(data: Any, source: str) -> Mission:
     MissionError
         At the first field that is bad, missing or unknown.
     """
-    root = Section(data, source, '')
-    grid = root.section('grid', _grid)
-    shared = root.get('priority_transition', fields.stochastic_matrix, None)
-    mission = Mission(
-        name=root.get('name', fields.name),
-        discount=root.get('discount', fields.open_unit),
-        feasibility=root.get('feasibility', _feasibility(source), 'strict'),
+    root = Section(MISSION_TABLE, data, source)
+    grid = root.below('grid', _grid)
+    energy = root.below('energy', _energy)
+    epoch = Epoch(grid.cell_size, energy.speed if energy else None)
+    cost = _cost(root, epoch)
+    return Mission(
+        name=root.get('name'),
+        discount=_either(root, 'discount', 'horizon', lambda mean: _discount(mean, epoch)),
+        feasibility=root.get('feasibility', _feasibility(source)),
         grid=grid,
-        goals=_goals(root, grid, shared),
-        faults=root.section('faults', _faults),
-        range=root.section('range', _range),
-        threat=root.section('threat', lambda section: _threat(section, grid)),
-        distance_weight=root.get('distance_weight', fields.non_negative),
-        service_cost=root.section('service_cost', _service_cost, ServiceCost()),
-        energy=root.section('energy', _energy, None),
+        goals=_goals(root, grid, epoch, cost),
+        faults=root.below('faults', lambda section: _faults(section, epoch, cost)),
+        range=root.below('range', lambda section: _range(section, epoch, cost)),
+        threat=root.below('threat', lambda section: _threat(section, grid, epoch, cost)),
+        distance_weight=root.get('distance_weight', cost),
+        service_cost=root.below(
+            'service_cost',
+            lambda section: ServiceCost(
+                section.get('recharge', cost), section.get('repair', cost)
+            ),
+        ),
+        energy=energy,
     )
-    root.end()
-    return mission
 
 
-def _feasibility(source: str) -> Callable[[Any], str]:
-    def check(value: Any) -> str:
-        if value == 'seed':
+def _cost(root: Section, epoch: Epoch) -> Callable[[Any], Any]:
+    """Return what makes a cost per epoch of a cost in the file, or of lists of them."""
+
+    def per_epoch(value: Any) -> Any:
+        return tuple(map(per_epoch, value)) if isinstance(value, tuple) else epoch.minute(value)
+
+    return per_epoch if root.get('costs_per') == 'minute' else as_given
+
+
+def _either(section: Section, per_epoch: str, physical: str, then: Callable[[Any], Any]) -> Any:
+    """Return a value per epoch, or what `then` makes of the one in physical units."""
+    return section.get(physical, then) if physical in section else section.get(per_epoch)
+
+
+def _discount(horizon: float, epoch: Epoch) -> float:
+    return fields.open_unit(1 - epoch.end(horizon))
+
+
+def _feasibility(source: str) -> Callable[[str], str]:
+    def current(word: str) -> str:
+        if word == 'seed':
             problem = "'seed' is the old word for 'paper'; please write 'paper'"
             text = f'{shown(source)}: feasibility: {problem}'
             warnings.warn(text, FutureWarning, stacklevel=2)
             return 'paper'
-        return fields.one_of('strict', 'paper')(value)
+        return word
 
-    return check
+    return current
 
 
 def _cell(grid: Grid) -> Callable[[Any], int]:
@@ -114,130 +141,131 @@ def _cell(grid: Grid) -> Callable[[Any], int]:
     return check
 
 
+def _cell_key(grid: Grid) -> Callable[[Any], int]:
+    """Return a check of a key that is a cell: a whole number, in JSON its digits."""
+
+    def check(key: Any) -> int:
+        whole = isinstance(key, str) and re.fullmatch(CELL_NUMBER, key)
+        return _cell(grid)(int(key) if whole else key)
+
+    return check
+
+
 def _grid(section: Section) -> Grid:
-    rows = section.get('rows', fields.integer(1, MAX_CELLS))
+    rows = section.get('rows')
     size = Grid(rows, section.get('cols', fields.integer(1, MAX_CELLS // rows)), 0, 0)
     return Grid(
         rows=size.rows,
         cols=size.cols,
         base=section.get('base', _cell(size)),
         service=section.get('service', _cell(size)),
-        cell_size=section.get('cell_size', fields.positive, 50.0),
-        origin=section.section('origin', _origin, None),
-        elevation=section.section(
-            'elevation', lambda cells: _by_cell(cells, size, fields.within(-9000.0, 9000.0)), ()
-        ),
+        cell_size=section.get('cell_size'),
+        origin=section.below('origin', lambda origin: Origin(**_all(origin))),
+        elevation=section.cells('elevation', _cell_key(size)),
     )
 
 
-def _origin(section: Section) -> Origin:
-    # Beyond 89 degrees a local plane with an east axis makes no sense.
-    return Origin(
-        latitude=section.get('latitude', fields.within(-89.0, 89.0)),
-        longitude=section.get('longitude', fields.within(-180.0, 180.0)),
-        # Dry land lies between -430 and 8850 m.
-        altitude=section.get('altitude', fields.within(-500.0, 9000.0)),
-    )
+def _all(section: Section) -> dict[str, Any]:
+    """Return every field of a section of plain values."""
+    return {row.key: section.get(row.key) for row in section.table.rows}
 
 
-def _goals(root: Section, grid: Grid, shared: Matrix | None) -> tuple[Goal, ...]:
-    entries = root.get('goals', _list_of_goals)
+def _energy(section: Section) -> Energy:
+    return Energy(**_all(section))
+
+
+def _goals(
+    root: Section, grid: Grid, epoch: Epoch, cost: Callable[[Any], Any]
+) -> tuple[Goal, ...]:
+    shared = _priorities(root, epoch)
     goals: list[Goal] = []
-    for index, entry in enumerate(entries):
-        section = Section(entry, root.source, f'goals[{index}]')
-        goal = Goal(
-            name=section.get('name', fields.name),
-            cell=section.get('cell', _cell(grid)),
-            eta=section.get('eta', fields.non_negative),
-            delta=section.get('delta', fields.non_negative),
-            priority_transition=section.get(
-                'priority_transition', fields.stochastic_matrix, shared or fields.NO_DEFAULT
-            ),
-        )
+    for section in root.entries('goals'):
+        if 'worth' in section:
+            eta = delta = section.get('worth', epoch.minute)
+        else:
+            eta, delta = section.get('eta', cost), section.get('delta', cost)
+        transition = _priorities(section, epoch) or shared
+        if transition is None:
+            section.fail('priority_transition', 'is missing')
+        goal = Goal(section.get('name'), section.get('cell', _cell(grid)), eta, delta, transition)
         if goal.name in (other.name for other in goals):
             section.fail('name', f'{quoted(goal.name)} is the name of another goal too')
-        section.end()
         goals.append(goal)
     return tuple(goals)
 
 
-def _list_of_goals(value: Any) -> list[Any]:
-    if not isinstance(value, (list, tuple)) or not value:
-        raise Bad(f'{quoted(value)} is not a list of at least one goal')
-    return list(value)
+def _priorities(section: Section, epoch: Epoch) -> Matrix | None:
+    """Return the priorities' transitions that the mission or one goal gives, in either way."""
+    if 'requests_per_hour' not in section:
+        return section.get('priority_transition')
+    rates = section.below('requests_per_hour', _all)
+    to = {
+        0: (0.0, rates['low'], rates['high']),
+        1: (rates['withdrawn'], 0.0, rates['raised']),
+        2: (rates['withdrawn'], rates['lowered'], 0.0),
+    }
+    try:
+        return tuple(epoch.jump(level, per_hour) for level, per_hour in to.items())
+    except Bad as error:
+        section.fail('requests_per_hour', str(error))
 
 
-def _faults(section: Section) -> Faults:
+def _faults(section: Section, epoch: Epoch, cost: Callable[[Any], Any]) -> Faults:
+    if 'mtbf' in section:
+        rate = section.below('mtbf', lambda parts: _parts(parts, epoch.failure))
+    else:
+        rate = section.below('rate', _parts)
     return Faults(
-        rate=section.section('rate', lambda part: _parts(part, fields.probability)),
-        agile_factor=section.section(
-            'agile_factor', lambda part: _parts(part, fields.non_negative)
+        rate=rate,
+        agile_factor=section.below('agile_factor', _parts),
+        repair_success=_either(section, 'repair_success', 'repair_in', epoch.end),
+        completion=_either(
+            section, 'completion', 'done_in', lambda means: tuple(map(epoch.end, means))
         ),
-        repair_success=section.get('repair_success', fields.probability, 1.0),
-        completion=section.get('completion', fields.row(8, fields.probability)),
-        cost=section.get('cost', fields.row(8, fields.non_negative)),
+        cost=section.get('cost', cost),
     )
 
 
-def _parts(section: Section, check: Callable[[Any], float]) -> Parts:
-    return Parts(*(section.get(part, check) for part in ('sensor', 'actuator', 'camera')))
+def _parts(section: Section, then: Callable[[Any], Any] = as_given) -> Parts:
+    return Parts(*(section.get(part, then) for part in ('sensor', 'actuator', 'camera')))
 
 
-def _range(section: Section) -> Range:
-    return Range(
-        loss=section.section(
-            'loss',
-            lambda loss: ByMode(*(loss.get(m, fields.probability) for m in ('normal', 'agile'))),
-        ),
-        cost=section.get('cost', fields.non_negative),
-    )
+def _by_mode(section: Section, then: Callable[[Any], Any] = as_given) -> ByMode:
+    return ByMode(*(section.get(mode, then) for mode in ('normal', 'agile')))
 
 
-def _threat(section: Section, grid: Grid) -> Threat:
+def _range(section: Section, epoch: Epoch, cost: Callable[[Any], Any]) -> Range:
+    if 'lasts' in section:
+        loss = section.below('lasts', lambda modes: _by_mode(modes, epoch.end))
+    else:
+        loss = section.below('loss', _by_mode)
+    return Range(loss=loss, cost=section.get('cost', cost))
+
+
+def _threat(section: Section, grid: Grid, epoch: Epoch, cost: Callable[[Any], Any]) -> Threat:
+    if 'zones_per_hour' in section:
+        zones = section.cells('zones_per_hour', _cell_key(grid), epoch.event)
+    else:
+        zones = section.cells('zones', _cell_key(grid))
+    if 'lasts' in section:
+        from_low, from_high = section.below('lasts', lambda lasts: _levels(lasts, epoch))
+    else:
+        from_low, from_high = section.get('from_low'), section.get('from_high')
     return Threat(
-        onset=section.get('onset', fields.probability),
-        zones=section.section(
-            'zones', lambda zones: _by_cell(zones, grid, fields.probability), ()
-        ),
-        high_share=section.get('high_share', fields.probability),
-        from_low=section.get('from_low', fields.distribution),
-        from_high=section.get('from_high', fields.distribution),
-        cost=section.get('cost', fields.matrix(3, fields.row(2, fields.non_negative))),
+        onset=_either(section, 'onset', 'per_hour', epoch.event),
+        zones=zones,
+        high_share=section.get('high_share'),
+        from_low=from_low,
+        from_high=from_high,
+        cost=section.get('cost', cost),
     )
 
 
-def _by_cell(
-    section: Section, grid: Grid, check: Callable[[Any], float]
-) -> tuple[tuple[int, float], ...]:
-    values = {}
-    for key in section.data:
-        value = section.get(key, check)
-        try:  # Keys are whole numbers, in JSON their digits.
-            whole = isinstance(key, str) and re.fullmatch('0|[1-9][0-9]{,17}', key)
-            cell = _cell(grid)(int(key) if whole else key)
-        except Bad as error:
-            section.fail(key, str(error))
-        if cell in values:
-            section.fail(key, f'{quoted(key)} names a cell that another key names too')
-        values[cell] = value
-    return tuple(sorted(values.items()))
-
-
-def _service_cost(section: Section) -> ServiceCost:
-    return ServiceCost(
-        recharge=section.get('recharge', fields.non_negative, 0.0),
-        repair=section.get('repair', fields.non_negative, 0.0),
-    )
-
-
-def _energy(section: Section) -> Energy:
-    return Energy(
-        capacity=section.get('capacity', fields.positive),
-        voltage=section.get('voltage', fields.positive),
-        power=section.get('power', fields.positive),
-        speed=section.get('speed', fields.positive),
-        wind=section.get('wind', fields.non_negative),
-        wind_penalty=section.get('wind_penalty', fields.non_negative),
-        payload=section.get('payload', fields.non_negative),
-        payload_penalty=section.get('payload_penalty', fields.non_negative),
+def _levels(section: Section, epoch: Epoch) -> tuple[Row, Row]:
+    """Return the rows from a low and from a high threat."""
+    low, high = section.get('low', epoch.end), section.get('high', epoch.end)
+    rises, falls = section.get('rises'), section.get('falls')
+    return (
+        (low * (1 - rises), 1 - low, low * rises),
+        (high * (1 - falls), high * falls, 1 - high),
     )

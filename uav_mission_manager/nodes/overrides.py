@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Iterator
-from difflib import SequenceMatcher
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,8 @@ from typing import Any
 import yaml
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+
+from uav_mission_manager.likeness import likeness, nearest
 
 QOS_PREFIX = 'qos_overrides.'
 """What names of parameters for the quality of service begin with; topics declare them."""
@@ -46,22 +47,17 @@ def refuse_unknown(node: Node, known: Iterable[str] = (), *, qos: bool = False) 
     unknown = sorted(n for n in given - names if n.startswith(QOS_PREFIX) == qos)
     for_all = given_to_all(sys.argv) if unknown else set()
     for name in unknown:
-        nearest = max(names, key=lambda other: likeness(name, other))
-        if name not in for_all or likeness(name, nearest) > MISSPELT:
+        meant = nearest(name, names)
+        if name not in for_all or likeness(name, meant) > MISSPELT:
             raise ValueError(
                 f'parameter {name}: {node.get_name()} has none of this name; '
-                f'the nearest is {nearest}'
+                f'the nearest is {meant}'
             )
     if unknown:
         node.get_logger().warning(
             f'ignored, as given to all nodes and unknown to this one: {", ".join(unknown)}',
             once=True,
         )
-
-
-def likeness(one: str, other: str) -> float:
-    """Return how like two names are, 0 to 1."""
-    return SequenceMatcher(None, one, other, autojunk=False).ratio()
 
 
 def given_to_all(arguments: list[str]) -> set[str]:

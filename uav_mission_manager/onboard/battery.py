@@ -13,8 +13,8 @@ from typing import Any
 
 from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.mdp import Energy
+from uav_mission_manager.mdp.epoch import SECONDS_PER_HOUR
 from uav_mission_manager.onboard.inputs import InputError
-from uav_mission_manager.onboard.range_model import SECONDS_PER_HOUR
 
 NOMINAL_CELL = 3.7
 """Nominal voltage [V] of a lithium polymer cell."""

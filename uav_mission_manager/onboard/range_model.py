@@ -11,9 +11,7 @@ import math
 from collections.abc import Sequence
 
 from uav_mission_manager.mdp import Energy, Mission
-
-SECONDS_PER_HOUR = 3600.0
-"""Seconds in an hour: capacity is given in ampere hours, range counted in seconds."""
+from uav_mission_manager.mdp.epoch import SECONDS_PER_HOUR
 
 FULL_CHARGE = 0.95
 """State of charge (0 to 1) that counts as full; a choice."""

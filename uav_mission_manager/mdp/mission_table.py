@@ -1,0 +1,270 @@
+"""The table of a mission file's fields: the file is read by it, and its JSON Schema made of it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from uav_mission_manager.mdp import fields
+from uav_mission_manager.mdp.fields import Check
+from uav_mission_manager.mdp.tables import Cells, Entries, Field, Table
+
+MAX_CELLS = 1_000_000
+"""Cells of a grid at most: a choice; one goal on so many takes a minute and gigabytes."""
+
+_SIDE = fields.integer(1, MAX_CELLS)
+_CELL: Check[Any] = Check(lambda value: value, fields.integer(0, MAX_CELLS - 1).schema)
+"""Which cells there are is for the grid to say."""
+
+_OLD_WORD = {'const': 'seed', 'deprecated': True, 'description': 'old word for paper'}
+_STRICT_OR_PAPER = fields.one_of('strict', 'paper')
+_FEASIBILITY: Check[Any] = Check(
+    lambda value: value if value == 'seed' else _STRICT_OR_PAPER(value),
+    {'anyOf': [_STRICT_OR_PAPER.schema, _OLD_WORD]},
+)
+
+
+def _parts(check: Check[float]) -> Table:
+    return Table(
+        tuple(Field(part, check, f'of the {part}') for part in ('sensor', 'actuator', 'camera'))
+    )
+
+
+def _modes(check: Check[float]) -> Table:
+    return Table(tuple(Field(mode, check, f'in {mode} flight') for mode in ('normal', 'agile')))
+
+
+_ORIGIN = Table(
+    (
+        # Beyond 89 degrees a local plane with an east axis makes no sense.
+        Field('latitude', fields.within(-89.0, 89.0), '[deg]'),
+        Field('longitude', fields.within(-180.0, 180.0), '[deg]'),
+        # Dry land lies between -430 and 8850 m.
+        Field('altitude', fields.within(-500.0, 9000.0), 'above mean sea level [m]'),
+    )
+)
+
+_GRID = Table(
+    (
+        Field('rows', _SIDE, 'cells from north to south'),
+        Field('cols', _SIDE, 'cells from west to east'),
+        Field('base', _CELL, 'home cell; cells are numbered row by row from 0'),
+        Field('service', _CELL, 'cell where the vehicle is recharged and repaired'),
+        Field('cell_size', fields.positive, 'width of a cell [m]', 50.0),
+        Field('origin', _ORIGIN, 'centre of cell 0; needed to fly', None),
+        Field(
+            'elevation',
+            Cells(fields.within(-9000.0, 9000.0)),
+            "by cell: its ground above the origin's altitude [m]",
+            {},
+        ),
+    )
+)
+
+_REQUESTS = Table(
+    (
+        Field('low', fields.non_negative, 'requests of low priority, while none is open [1/h]'),
+        Field('high', fields.non_negative, 'requests of high priority, while none is open [1/h]'),
+        Field('raised', fields.non_negative, 'how often an open low one becomes high [1/h]', 0.0),
+        Field('lowered', fields.non_negative, 'how often an open high one becomes low [1/h]', 0.0),
+        Field('withdrawn', fields.non_negative, 'how often an open one is withdrawn [1/h]', 0.0),
+    )
+)
+
+_PRIORITIES = (
+    Field(
+        'priority_transition',
+        fields.stochastic_matrix,
+        'probabilities of priority 0, 1, 2 after an epoch; a row each from 0 (none), 1 (low), '
+        '2 (high)',
+        None,
+    ),
+    Field('requests_per_hour', _REQUESTS, 'in place of priority_transition [1/h]', None),
+)
+ONE_WAY_OF_PRIORITIES = (('priority_transition',), ('requests_per_hour',))
+"""How a goal, or the mission for all that have none of their own, says what is wanted."""
+
+_GOAL = Table(
+    (
+        Field('name', fields.name, 'unique, without white space'),
+        Field('cell', _CELL, 'where it is'),
+        Field(
+            'eta',
+            fields.non_negative,
+            'per unit of priority, while in range and not committed to [cost, see costs_per]',
+        ),
+        Field(
+            'delta',
+            fields.non_negative,
+            'per unit of priority, while out of range [cost, see costs_per]',
+        ),
+        Field(
+            'worth',
+            fields.non_negative,
+            'in place of eta and delta: while it is open, in range or not [cost per minute and '
+            'unit of priority]',
+        ),
+        *_PRIORITIES,
+    ),
+    ((('eta', 'delta'), ('worth',)), ONE_WAY_OF_PRIORITIES),
+)
+
+_FAULTS = Table(
+    (
+        Field('rate', _parts(fields.probability), 'of failing in an epoch of normal flight [1]'),
+        Field(
+            'mtbf',
+            _parts(fields.positive),
+            'in place of rate: mean time between failures, in normal flight [h]',
+        ),
+        Field(
+            'agile_factor', _parts(fields.non_negative), 'how much likelier in agile flight [1]'
+        ),
+        Field(
+            'repair_success',
+            fields.probability,
+            'probability that an epoch of repair succeeds [1]',
+            1.0,
+        ),
+        Field('repair_in', fields.positive, 'in place of repair_success: mean time of one [s]'),
+        Field(
+            'completion',
+            fields.row(8, fields.probability),
+            'by fault mode: probability that an epoch in its cell completes a goal [1]',
+        ),
+        Field(
+            'done_in',
+            fields.row(8, fields.positive_or('never', math.inf)),
+            'in place of completion, by fault mode: mean time at a goal until it is done, or '
+            'never [s]',
+        ),
+        Field('cost', fields.row(8, fields.non_negative), 'by fault mode [cost, see costs_per]'),
+    ),
+    (
+        (('rate',), ('mtbf',)),
+        (('repair_success',), ('repair_in',)),
+        (('completion',), ('done_in',)),
+    ),
+)
+
+_RANGE = Table(
+    (
+        Field(
+            'loss',
+            _modes(fields.probability),
+            'probability that a goal falls out of range in an epoch of flight [1]',
+        ),
+        Field(
+            'lasts',
+            _modes(fields.positive),
+            'in place of loss: mean time of flight until a goal falls out of range [s]',
+        ),
+        Field(
+            'cost',
+            fields.non_negative,
+            'with all goals out of range, shared over them [cost, see costs_per]',
+        ),
+    ),
+    ((('loss',), ('lasts',)),),
+)
+
+_LASTS = Table(
+    (
+        Field('low', fields.positive, 'mean time for which a threat stays low [s]'),
+        Field('high', fields.positive, 'mean time for which a threat stays high [s]'),
+        Field('rises', fields.probability, 'share of low ones that go on as high [1]', 0.0),
+        Field('falls', fields.probability, 'share of high ones that go on as low [1]', 0.0),
+    )
+)
+
+_THREAT = Table(
+    (
+        Field('onset', fields.probability, 'of a threat in an epoch, in an ordinary cell [1]'),
+        Field('zones', Cells(fields.probability), 'the same by cell [1]', {}),
+        Field(
+            'per_hour',
+            fields.non_negative,
+            'in place of onset: how often a threat comes in an ordinary cell [1/h]',
+        ),
+        Field(
+            'zones_per_hour', Cells(fields.non_negative), 'in place of zones: by cell [1/h]', {}
+        ),
+        Field('high_share', fields.probability, 'share of threats that appear high [1]'),
+        Field(
+            'from_low',
+            fields.distribution,
+            'probabilities of none, low, high after an epoch of low [1]',
+        ),
+        Field(
+            'from_high',
+            fields.distribution,
+            'probabilities of none, low, high after an epoch of high [1]',
+        ),
+        Field('lasts', _LASTS, 'in place of from_low and from_high'),
+        Field(
+            'cost',
+            fields.matrix(3, fields.row(2, fields.non_negative)),
+            'rows none, low, high; columns normal, agile flight [cost, see costs_per]',
+        ),
+    ),
+    (
+        (('onset',), ('per_hour',)),
+        (('zones',), ('zones_per_hour',)),
+        (('from_low', 'from_high'), ('lasts',)),
+    ),
+)
+
+_SERVICE_COST = Table(
+    (
+        Field('recharge', fields.non_negative, '[cost, see costs_per]', 0.0),
+        Field('repair', fields.non_negative, '[cost, see costs_per]', 0.0),
+    )
+)
+
+_ENERGY = Table(
+    (
+        Field('capacity', fields.positive, 'of the battery [Ah]'),
+        Field('voltage', fields.positive, 'of the battery [V]'),
+        Field('power', fields.positive, 'drawn in flight [W]'),
+        Field('speed', fields.positive, 'cruise speed; with cell_size it tells an epoch [m/s]'),
+        Field('wind', fields.non_negative, 'worst wind [m/s]'),
+        Field('wind_penalty', fields.non_negative, 'range lost to wind [m/(m/s)]'),
+        Field('payload', fields.non_negative, 'mass [kg]'),
+        Field('payload_penalty', fields.non_negative, 'range lost to it [m/kg]'),
+    )
+)
+
+MISSION_TABLE = Table(
+    (
+        Field('name', fields.name, 'of the mission, without white space'),
+        Field('discount', fields.open_unit, 'weight of the next epoch to this one, gamma [1]'),
+        Field('horizon', fields.positive, 'in place of discount: time for which costs count [s]'),
+        Field(
+            'costs_per',
+            fields.one_of('epoch', 'minute'),
+            'what all costs in the file are for, but for goals[].worth: always a minute',
+            'epoch',
+        ),
+        Field(
+            'feasibility',
+            _FEASIBILITY,
+            'commit, recharge and repair only where they make sense, or anywhere',
+            'strict',
+        ),
+        Field('grid', _GRID, 'square cells, columns to the east, rows to the south'),
+        Field('goals', Entries(_GOAL), 'what the mission is for'),
+        *_PRIORITIES,
+        Field('faults', _FAULTS, 'failures and what they do'),
+        Field('range', _RANGE, 'goals that fall out of range'),
+        Field('threat', _THREAT, 'threats'),
+        Field(
+            'distance_weight',
+            fields.non_negative,
+            'per cell width from the vehicle to its destination [cost, see costs_per]',
+        ),
+        Field('service_cost', _SERVICE_COST, 'at the service cell', {}),
+        Field('energy', _ENERGY, 'range model, needed on board and for physical units', None),
+    ),
+    ((('discount',), ('horizon',)), ONE_WAY_OF_PRIORITIES),
+)
+"""All fields of a mission file."""
