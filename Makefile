@@ -1,4 +1,4 @@
-# make demo | test | lint | bench | clean; `make help` explains.
+# make demo | test | lint | schema | bench | clean; `make help` explains.
 # Where rclpy is importable (ROS sourced), .venv sees it; elsewhere .venv gets the PyPI wheels.
 
 PYTHON ?= python3
@@ -21,12 +21,13 @@ ifdef _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH
 endif
 
-.PHONY: help demo test lint bench clean
+.PHONY: help demo test lint schema bench clean
 
 help:
 	@echo 'make demo    fly a mission in simulation, on one terminal'
 	@echo 'make test    run the tests (ARGS="-k name" for some)'
 	@echo 'make lint    ruff (rules and format) and mypy'
+	@echo 'make schema  write config/mission.schema.json anew'
 	@echo 'make bench   run the benchmarks and show what differs from docs/ (UPDATE=1 writes it there)'
 	@echo '             (SCRIPTS=benchmarks/solve.py for some, ARGS="--goals 8" for its options)'
 	@echo 'make clean   remove $(VENV), build results and caches'
@@ -47,6 +48,9 @@ lint: $(READY)
 	$(RUN) -m ruff check
 	$(RUN) -m ruff format --check
 	$(RUN) -m mypy
+
+schema: $(READY)
+	$(RUN) -m uav_mission_manager.mdp.mission_schema > config/mission.schema.json
 
 # Pages go to build/bench/; with UPDATE=1 they replace those in docs/. ARGS are one script's.
 SCRIPTS ?= $(wildcard benchmarks/*.py)

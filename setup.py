@@ -54,7 +54,7 @@ setup(
     zip_safe=True,
     install_requires=['setuptools'],
     extras_require={
-        'test': ['pytest', 'hypothesis'],
+        'test': ['pytest', 'hypothesis', 'jsonschema'],
         'cluster': ['distributed'],  # policy_build --scheduler.
     },
     entry_points={

@@ -12,6 +12,14 @@ from uav_mission_manager.paths import share_directory
 
 CASE_STUDY = share_directory() / 'config' / 'case_study.yaml'
 PARTS = ('sensor', 'actuator', 'camera')
+UNITLESS = {
+    '': ('discount', 'priority_transition'),
+    'faults': ('rate', 'repair_success', 'completion'),
+    'range': ('loss',),
+    'threat': ('onset', 'zones', 'from_low', 'from_high'),
+}
+"""Fields per epoch that have a twin in physical units, by section."""
+
 _DOCUMENT = yaml.safe_load(CASE_STUDY.read_text())
 
 
@@ -20,6 +28,35 @@ def case_study(*goals, **changes):
     document = copy.deepcopy(_DOCUMENT) | changes
     if goals:
         document['goals'] = [document['goals'][j - 1] for j in goals]
+    return document
+
+
+def in_units(**changes):
+    """The case study with everything that can be in physical units; an epoch takes 10 s."""
+    document = case_study(costs_per='minute', horizon=600.0, **changes)
+    for section, keys in UNITLESS.items():
+        for key in keys:
+            del (document[section] if section else document)[key]
+    document['requests_per_hour'] = {
+        'low': 6.0,
+        'high': 3.0,
+        'raised': 4.0,
+        'lowered': 2.0,
+        'withdrawn': 1.0,
+    }
+    document['goals'][0]['worth'] = 3.0
+    del document['goals'][0]['eta'], document['goals'][0]['delta']
+    document['faults'] |= {
+        'mtbf': {'sensor': 50.0, 'actuator': 20.0, 'camera': 0.5},
+        'repair_in': 30.0,
+        'done_in': [12.0, 15.0, 20.0, 40.0, *['never'] * 4],
+    }
+    document['range']['lasts'] = {'normal': 600.0, 'agile': 240.0}
+    document['threat'] |= {
+        'per_hour': 12.0,
+        'zones_per_hour': {0: 0.0, 1: 0.0, 2: 90.0, 6: 90.0},
+        'lasts': {'low': 25.0, 'high': 40.0, 'rises': 0.3, 'falls': 0.5},
+    }
     return document
 
 

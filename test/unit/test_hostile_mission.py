@@ -6,7 +6,7 @@ import os
 
 import pytest
 import yaml
-from strategies import case_study
+from strategies import case_study, in_units
 
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import MissionError, load_mission, mission_from_dict
@@ -46,9 +46,9 @@ def places(node, place=()):
             yield from places(value, (*place, key))
 
 
-def put(place, value):
-    """The case study with one field replaced, or all of it."""
-    document = {'': case_study()}
+def put(place, value, document=case_study):
+    """A document with one field replaced, or all of it."""
+    document = {'': document()}
     *above, last = ('', *place)
     node = document
     for key in above:
@@ -64,15 +64,16 @@ def assert_one_short_line(error, source):
     assert len(text) <= LONGEST_LINE
 
 
+@pytest.mark.parametrize('document', [case_study, in_units])
 @pytest.mark.parametrize('name', HOSTILE)
-def test_every_field(name):
-    for place in [(), *places(case_study())]:
+def test_every_field(name, document):
+    for place in [(), *places(document())]:
         try:
-            mission_from_dict(put(place, HOSTILE[name]), 'test')
+            mission_from_dict(put(place, HOSTILE[name], document), 'test')
         except MissionError as error:
             assert_one_short_line(error, 'test')
         else:
-            assert name == 'huge float'  # A cost may be as large as it likes.
+            assert name == 'huge float'  # A cost or a time may be as large as it likes.
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import math
 import os
@@ -254,6 +255,9 @@ def test_list_of_the_wrong_length(path, length, tmp_path):
     ('place', 'key', 'nearest'),
     [
         ((), 'discont', 'discount'),
+        ((), 'nam', 'name'),
+        (('goals', 0), 'request_per_hour', 'requests_per_hour'),
+        (('threat',), 'last', 'lasts'),
         (('grid',), 'row', 'rows'),
         (('goals', 1), 'Eta', 'eta'),
         (('faults', 'rate'), 'sensors', 'sensor'),
@@ -273,6 +277,12 @@ def test_unknown_key(place, key, nearest, tmp_path):
     assert nearest is None or message.endswith(
         f'{key}: is unknown; the nearest known key is {nearest!r}'
     )
+
+
+def test_a_misspelt_key_is_told_before_the_one_that_it_leaves_missing(tmp_path):
+    document = case_study()
+    document['nam'] = document.pop('name')
+    assert refusal(tmp_path, document) == "nam: is unknown; the nearest known key is 'name'"
 
 
 @pytest.mark.parametrize('cell', [8, -1, 'two', 1.5, '2'], ids=repr)
@@ -429,15 +439,28 @@ def test_file_that_cannot_be_read(tmp_path):
             load_mission(place)
 
 
-def test_shipped_mission_holds_what_its_file_says():
-    mission, document = load_mission(CASE_STUDY), case_study()
-    data = mission.to_dict()
-    shared = document.pop('priority_transition')
+FILES = [
+    *(share_directory() / 'config').glob('case_*.yaml'),
+    *(share_directory() / 'test' / 'missions').glob('*.yaml'),
+]
+"""Files that are per epoch throughout."""
+
+
+@pytest.mark.parametrize('file', FILES, ids=lambda file: file.stem)
+def test_mission_holds_what_its_file_says_and_has_its_hash(file):
+    """A file per epoch is the mission, number by number, and so is the hash in a policy set."""
+    mission, document = load_mission(file), yaml.safe_load(file.read_text())
+    shared = document.pop('priority_transition', None)
     for goal in document['goals']:
-        goal['priority_transition'] = shared
+        goal.setdefault('priority_transition', shared)
+    document.setdefault('service_cost', {'recharge': 0.0, 'repair': 0.0})
+    document['grid'].setdefault('cell_size', 50.0)
     document['faults'].setdefault('repair_success', 1.0)
-    document['threat']['zones'] = {str(c): p for c, p in document['threat']['zones'].items()}
-    assert json.loads(json.dumps(data)) == document
+    zones = document['threat'].get('zones', {})
+    document['threat']['zones'] = {str(cell): p for cell, p in zones.items()}
+    assert json.loads(json.dumps(mission.to_dict())) == document
+    text = json.dumps(document, sort_keys=True, separators=(',', ':'))
+    assert mission.digest() == hashlib.sha256(text.encode()).hexdigest()
 
 
 @given(missions([(1, 1), (2, 3), (4, 5)], [1, 2, 5]))

@@ -20,25 +20,27 @@ DIALECT = 'https://json-schema.org/draft/2020-12/schema'
 
 def mission_schema() -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) of a mission file."""
-    schema = _of_table(MISSION_TABLE)
     # Each goal has priorities of its own, or the mission has them.
     shared = _needed(*ONE_WAY_OF_PRIORITIES)
     own = {'properties': {'goals': {'items': shared}}}
-    schema['allOf'].append({'anyOf': [shared, own]})
+    schema = _of_table(MISSION_TABLE, {'anyOf': [shared, own]})
     return {'$schema': DIALECT, 'title': 'Mission of uav_mission_manager', **schema}
 
 
-def _of_table(table: Table) -> dict[str, Any]:
+def _of_table(table: Table, *rules: dict[str, Any]) -> dict[str, Any]:
     other_ways = {key for ways in table.alternatives for way in ways for key in way}
     needed = [row.key for row in table.rows if row.default is NO_DEFAULT]
-    rules = [{'not': {'required': list(pair)}} for pair in table.exclusive()]
-    rules += [_needed(*ways) for ways in table.alternatives if ways[0][0] in needed]
+    every = [
+        *rules,
+        *({'not': {'required': list(pair)}} for pair in table.exclusive()),
+        *(_needed(*ways) for ways in table.alternatives if ways[0][0] in needed),
+    ]
     return {
         'type': 'object',
         'properties': {row.key: _of_field(row) for row in table.rows},
         'required': [key for key in needed if key not in other_ways],
         'additionalProperties': False,
-        'allOf': rules,
+        **({'allOf': every} if every else {}),
     }
 
 

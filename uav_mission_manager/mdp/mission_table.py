@@ -76,7 +76,7 @@ _PRIORITIES = (
         'priority_transition',
         fields.stochastic_matrix,
         'probabilities of priority 0, 1, 2 after an epoch; a row each from 0 (none), 1 (low), '
-        '2 (high)',
+        '2 (high) [1]',
         None,
     ),
     Field('requests_per_hour', _REQUESTS, 'in place of priority_transition [1/h]', None),
