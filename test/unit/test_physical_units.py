@@ -18,6 +18,10 @@ from uav_mission_manager.mdp import (
     mission_from_dict,
     stage_costs,
 )
+from uav_mission_manager.mdp.mission_table import MISSION_TABLE
+from uav_mission_manager.mdp.strict_yaml import read_yaml
+from uav_mission_manager.mdp.tables import Entries, Table
+from uav_mission_manager.paths import share_directory
 
 EPOCH = 10.0
 """Seconds of an epoch of `in_units`: cells of 50 m at 5 m/s."""
@@ -236,7 +240,15 @@ def test_every_probability_per_epoch_has_a_twin():
             [5.0] * 8,
             'faults.done_in: 5 s is shorter than an epoch of 10 s (50 m at 5 m/s)',
         ),
-        (('horizon',), 10.0, 'horizon: 0.0 is not between 0 and 1'),
+        *(
+            (
+                ('horizon',),
+                horizon,
+                f'horizon: {horizon:g} s is a discount of {discount} in an epoch of 10 s '
+                '(50 m at 5 m/s), not within 0..1',
+            )
+            for horizon, discount in ((10.0, 0), (1e20, 1))
+        ),
         (('horizon',), 9.0, 'horizon: 9 s is shorter than an epoch of 10 s (50 m at 5 m/s)'),
         (('horizon',), -1.0, 'horizon: -1.0 is not above 0'),
         (('faults', 'mtbf', 'sensor'), 0, 'faults.mtbf.sensor: 0 is not above 0'),
@@ -327,3 +339,30 @@ def test_a_mission_stays_what_it_is_when_cells_or_speed_change(cell_size, speed)
     assert none_in_an_hour == pytest.approx(math.exp(-12.0))
     assert length / mission.faults.completion[0] == pytest.approx(20.0)
     assert mission.goals[0].eta * (MINUTE / length) == pytest.approx(3.0)
+
+
+PAGE = (share_directory() / 'docs' / 'mission_file.md').read_text('utf-8')
+
+
+def test_the_worked_example_is_what_the_page_says():
+    [text] = re.findall(r'^```yaml\n(name: .*?)^```', PAGE, re.MULTILINE | re.DOTALL)
+    mission = mission_from_dict(read_yaml(text), 'page')
+    rows = re.findall(r'^\| .* \| .* \| `([\w.]+)` ([\d.]+) \|$', PAGE, re.MULTILINE)
+    assert len(rows) == 10
+    for path, shown in rows:
+        value = mission.to_dict()
+        for key in path.split('.'):
+            value = value[int(key) if isinstance(value, tuple | list) else key]
+        assert value == pytest.approx(float(shown), rel=1e-4), path
+
+
+def test_the_page_names_every_field():
+    def names(table):
+        for row in table.rows:
+            yield row.key
+            if isinstance(row.kind, Table | Entries):
+                yield from names(row.kind if isinstance(row.kind, Table) else row.kind.table)
+
+    fields = PAGE.partition('## Fields')[2].partition('## An epoch')[0]
+    named = set(re.findall(r'\w+', ' '.join(re.findall(r'`([^`]+)`', fields))))
+    assert set(names(MISSION_TABLE)) - named == set()

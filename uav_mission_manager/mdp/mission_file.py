@@ -116,7 +116,10 @@ def _either(section: Section, per_epoch: str, physical: str, then: Callable[[Any
 
 
 def _discount(horizon: float, epoch: Epoch) -> float:
-    return fields.open_unit(1 - epoch.end(horizon))
+    discount = 1 - epoch.end(horizon)
+    if not 0 < discount < 1:
+        raise Bad(f'{horizon:.6g} s is a discount of {discount:g} in {epoch}, not within 0..1')
+    return discount
 
 
 def _feasibility(source: str) -> Callable[[str], str]:
