@@ -267,6 +267,32 @@ def test_an_order_under_way_is_nobodys_taking_over():
         chain.until(lambda chain=chain: chain.completed, f'goal completed, {steps}')
 
 
+@pytest.mark.parametrize('again', [True, False])
+def test_a_landing_that_was_being_broken_off_when_it_died_goes_on(again):
+    """Whether a pilot gave LAND again, or the order to leave it was lost: nobody can tell."""
+    chain = flying()
+    chain.want(0, 0, 0)
+    chain.until(lambda: chain.phase == 'landing', 'landing')
+    chain.spend(3.0)
+    chain.want(0, 2, 0)
+    while 'commit' not in chain.command:
+        chain.spend(0.05)
+    if not again:
+        chain.cut()
+    chain.spend(0.05)
+    chain.tell(mavlink.MAV_CMD_DO_SET_MODE, 1, FlightMode.LAND)
+    under_way = json.loads(chain.memory)['pilot']['authority']['ordered']
+    assert under_way == FlightMode.GUIDED
+    chain.kill_bridge()
+    chain.mend()
+    orders = len(chain.orders)
+    chain.until(lambda: not chain.armed, 'landed')
+    chain.spend(10.0)
+    assert (chain.phase, chain.orders[orders:]) == ('pilot in command', [])
+    assert chain.resume()[0]
+    chain.until(lambda: chain.completed, 'goal completed', 180.0)
+
+
 def test_on_its_way_back_it_goes_on_and_stays():
     chain = flying()
     chain.kill_manager()

@@ -4,7 +4,8 @@ Someone else has taken command when the mode changes to one that was not ordered
 the motors stop in GUIDED or in the air. A failsafe that leaves the vehicle in GUIDED takes nothing
 over; one that begins in a landing may be why it goes on. A vehicle that is flown by hand from the
 start is taken over when it is put into GUIDED. What happened unseen while this program was not
-running counts as if it had been seen: it was nobody here who did it.
+running counts as if it had been seen: it was nobody here who did it. A mode that was about to be
+left then may have been given anew meanwhile: it is somebody else's.
 """
 
 from __future__ import annotations
@@ -57,6 +58,7 @@ class Authority:
         self._arm_asked: float | None = None  # until the motors run, or it has had its time
         self._adopt = False
         self._restored = False  # and nothing seen since
+        self._in_doubt = False  # whose mode it is, for an order was under way then
         self._fell_at, self._stopped_at = math.inf, -math.inf
         self._seen: tuple[int | None, bool] = (None, False)
         self._failsafe_seen = False
@@ -114,10 +116,12 @@ class Authority:
         self._seen = None, memory['armed']
         self.motors_started_here = memory['motors_started_here']
         self._failsafe_seen, self._restored = memory['failsafe'], True
+        under_way = self._ordered is not None and memory['armed']
+        self._in_doubt = under_way and self._mode != FlightMode.GUIDED
 
     def rebooted(self) -> None:
         """Take nothing over that a reboot of the autopilot did, on the ground."""
-        self._restored = False
+        self._restored = self._in_doubt = False
         self.link_lost()
 
     def link_lost(self) -> None:
@@ -154,6 +158,7 @@ class Authority:
         if not self.taken:
             self._watch_falls(telemetry, now)
             self.taken = self._someone_else(telemetry)
+            self._in_doubt = False
         self.motors_started_here = self.motors_started_here and telemetry.armed
         changed = self._seen != (telemetry.mode, telemetry.armed)
         self._seen, self._failsafe_seen = (telemetry.mode, telemetry.armed), telemetry.failsafe
@@ -161,6 +166,8 @@ class Authority:
 
     def _someone_else(self, telemetry: Telemetry) -> str:
         """Say who else is in command, '' for nobody."""
+        if self._in_doubt and telemetry.mode == self._mode:
+            return f'{mode_name(telemetry.mode)} may have been ordered anew, by somebody else'
         if self._mode is not None and telemetry.mode not in (self._mode, self._ordered):
             failsafe = ', the autopilot is in a failsafe' if telemetry.failsafe else ''
             return f'{mode_name(telemetry.mode)} was not ordered from here{failsafe}'
