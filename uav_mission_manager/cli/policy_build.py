@@ -1,3 +1,4 @@
+# PYTHON_ARGCOMPLETE_OK
 """`policy_build`: solve a mission file and write its policy set."""
 
 from __future__ import annotations

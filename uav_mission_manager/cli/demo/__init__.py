@@ -1,3 +1,4 @@
+# PYTHON_ARGCOMPLETE_OK
 """`demo`: the whole chain in one terminal, from the mission file to a landed vehicle.
 
 Base station, manager, bridge and simulated autopilot run as processes of their own; the demo
