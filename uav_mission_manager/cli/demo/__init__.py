@@ -5,6 +5,14 @@ Base station, manager, bridge and simulated autopilot run as processes of their 
 plays the base station's operator, the enemy and the ground crew, and watches.
 """
 
-from uav_mission_manager.cli.demo.runner import main
+from __future__ import annotations
 
-__all__ = ['main']
+from uav_mission_manager.nodes.ending import need_ros
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the command."""
+    need_ros('demo')
+    from uav_mission_manager.cli.demo import runner
+
+    return runner.main(args)
