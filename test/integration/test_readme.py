@@ -1,8 +1,9 @@
 """The commands of README's shell blocks run as they stand there.
 
 There need not be a `ros2` command here: `ros2 run uav_mission_manager NAME` becomes the module of
-that command with the same arguments, and `ros2 param set` the same call. Bash makes the words. What
-only a robot, the network or another test can run is named in `NOT_HERE`; no line is passed over.
+that command with the same arguments, and `ros2 param set` the same call. Bash makes the words.
+What only a robot, the network or another test can run is named in `NOT_HERE`; no line is passed
+over.
 """
 
 from __future__ import annotations
@@ -150,5 +151,5 @@ def test_the_table_names_every_option_of_a_command(name: str) -> None:
     if name in ('policy_build', 'policy_query'):
         assert set(re.findall(r'--[a-z-]+', row[1])) == options - {'--no-certificate'}
     elif name in NODES:
-        named = re.search(r'parameters (`.*)', row[2].partition('(')[0])[1]
-        assert set(re.findall(r'`(\w+)`', named)) <= set(re.findall(r'^  (\w+) ', run.stdout, re.M))
+        named = set(re.findall(r'`(\w+)`', row[2].partition('parameters')[2].partition('(')[0]))
+        assert set() < named <= set(re.findall(r'^  (\w+) ', run.stdout, re.M))

@@ -6,7 +6,7 @@ import pytest
 
 from uav_mission_manager.cli.demo.view import LEGEND, View
 
-REASON = 'goal2 has high priority, threat high; expected cost 153.24, 14.4 below commit goal1 agile'
+REASON = 'goal2 has high priority, threat high; expected cost 153.2, 14 below commit goal1 agile'
 WHERE = 'cell 15 (150, -150, 20) m'
 
 
@@ -25,7 +25,7 @@ def test_every_word_is_shown_in_lines_of_a_terminals_width(width, monkeypatch, c
     assert ' '.join(out.split()).count(REASON) == 2
     assert ' '.join(LEGEND.split()) in ' '.join(out.split())
     row = next(line for line in lines if WHERE in line)
-    assert row.split()[:12] == '1 1 1 1 1 0 2 0 15 2 2 1'.split()
+    assert ' '.join(row.split()[:12]) == '1 1 1 1 1 0 2 0 15 2 2 1'
     head = next(line for line in lines if 'position' in line)
     assert head.index('command') == row.index('commit')
     assert head.split()[1:12] == list('frrrggglctm')

@@ -111,7 +111,12 @@ def test_name_and_license_agree():
 def metadata(tmp_path_factory):
     """What pip would be told of this package, from a copy: setuptools writes beside setup.py."""
     copy = tmp_path_factory.mktemp('source')
-    for name in ('setup.py', 'setup.cfg', 'package.xml', *map(str, ROOT.glob('requirements*.txt'))):
+    for name in (
+        'setup.py',
+        'setup.cfg',
+        'package.xml',
+        *map(str, ROOT.glob('requirements*.txt')),
+    ):
         shutil.copy(ROOT / name, copy)
     shutil.copytree(ROOT / PACKAGE, copy / PACKAGE, ignore=shutil.ignore_patterns('__pycache__'))
     command = [sys.executable, 'setup.py', '-q', 'egg_info']
@@ -128,10 +133,11 @@ def test_version_is_the_manifests_everywhere(metadata):
     [('', ''), ('test', '-dev'), ('ros', '-ros-wheels'), ('cluster', '-cluster')],
 )
 def test_pip_installs_what_a_requirements_file_names(metadata, extra, which):
-    given = [req.partition(';') for req in metadata.requires]
-    found = {req.strip() for req, _, marker in given if f'extra == "{extra}"' in marker.replace("'", '"') or not (extra or marker)}
+    marked = [line.replace("'", '"').partition(';') for line in metadata.requires]
+    marker = f'extra == "{extra}"' if extra else ''
     lines = (ROOT / f'requirements{which}.txt').read_text().splitlines()
-    assert found == {line for line in lines if line and not line.startswith('#')} != set()
+    named = {line for line in lines if line and not line.startswith('#')}
+    assert {name for name, _, when in marked if when.strip() == marker} == named != set()
 
 
 def test_types_are_shipped(metadata):

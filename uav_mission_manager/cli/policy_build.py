@@ -144,14 +144,27 @@ def _solve(options: argparse.Namespace) -> Policy:
 
 
 def _bars(progress: Progress) -> ProgressProtocol:
-    """One bar for each task."""
+    """One bar for the whole, all parts of it counting alike, and one for each part under way."""
+    whole = progress.add_task('')
     bars: dict[str, TaskID] = {}
+    shares: dict[str, float] = {}
 
     def show(report: Report) -> None:
         if report.task not in bars:
-            bars[report.task] = progress.add_task('')
-        text = f'{report.task}: {report.text}'
-        progress.update(bars[report.task], completed=100 * report.done, description=text)
+            bars[report.task] = progress.add_task('', visible=False)
+        progress.update(
+            bars[report.task],
+            completed=100 * report.done,
+            description=f'{report.task}: {report.text}',
+            visible=0 < report.done < 1,
+        )
+        shares[report.task] = report.done
+        ended = sum(share == 1 for share in shares.values())
+        progress.update(
+            whole,
+            completed=100 * sum(shares.values()) / len(shares),
+            description=f'{ended} of {len(shares)} parts done',
+        )
 
     return show
 
