@@ -35,10 +35,10 @@ class CommandParser(argparse.ArgumentParser):
         super().__init__(**how)
         self.add_argument('--version', action='version', version=version_line())
 
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse, or complete for a shell that asks."""
         complete(self)
-        return super().parse_known_args(args, namespace)
+        return super().parse_args(args, namespace)
 
     def print_help(self, file: Any = None) -> None:
         """Print the help; without room for it this raises `OSError`, unlike argparse."""
