@@ -42,6 +42,7 @@ NONE_CHOSEN = $(if $(ARGS),|| test $$? -eq 5)
 
 # Unit tests share the processors; integration tests mostly wait, so four at a time, after them.
 test: $(READY)
+	@$(if $(ARGS),:,echo 'About ten minutes on two processors: 4 for the unit tests and 6 for the integration tests')
 	$(RUN) -m pytest test/unit test/property -n auto $(ARGS) $(NONE_CHOSEN)
 	$(RUN) -m pytest test/integration -n 4 $(ARGS) $(NONE_CHOSEN)
 

@@ -144,26 +144,28 @@ def _solve(options: argparse.Namespace) -> Policy:
 
 
 def _bars(progress: Progress) -> ProgressProtocol:
-    """One bar for the whole, all parts of it counting alike, and one for each part under way."""
-    whole = progress.add_task('')
+    """One bar for each part under way and, if there are several, one in which they count alike."""
+    whole = progress.add_task('', visible=False)
     bars: dict[str, TaskID] = {}
     shares: dict[str, float] = {}
 
     def show(report: Report) -> None:
         if report.task not in bars:
             bars[report.task] = progress.add_task('', visible=False)
+        shares[report.task] = report.done
+        alone = len(shares) == 1
         progress.update(
             bars[report.task],
             completed=100 * report.done,
             description=f'{report.task}: {report.text}',
-            visible=0 < report.done < 1,
+            visible=alone or 0 < report.done < 1,
         )
-        shares[report.task] = report.done
         ended = sum(share == 1 for share in shares.values())
         progress.update(
             whole,
             completed=100 * sum(shares.values()) / len(shares),
             description=f'{ended} of {len(shares)} parts done',
+            visible=not alone,
         )
 
     return show
