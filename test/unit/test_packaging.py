@@ -10,6 +10,7 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 from datetime import date
+from importlib import import_module
 from importlib.metadata import PathDistribution
 from pathlib import Path
 
@@ -126,6 +127,16 @@ def metadata(tmp_path_factory):
 
 def test_version_is_the_manifests_everywhere(metadata):
     assert metadata.version == uav_mission_manager.__version__ == MANIFEST.findtext('version')
+
+
+@pytest.mark.parametrize('command', commands())
+def test_every_command_says_the_version(command, capsys):
+    main = import_module(f'{PACKAGE}.{commands()[command]}').main
+    try:
+        code = main(['--version'])
+    except SystemExit as end:
+        code = end.code
+    assert (code, capsys.readouterr().out) == (0, f'{PACKAGE} {uav_mission_manager.__version__}\n')
 
 
 @pytest.mark.parametrize(
