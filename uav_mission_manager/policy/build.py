@@ -44,9 +44,7 @@ DEFAULT_METHOD = 'auto'
 DEFAULT_ORDER = 3
 """Most goals of an expansion's clusters in full where nothing else is asked for: a choice."""
 
-EXACT = 'exact solution'
-"""What the exact solution is called in reports of progress."""
-
+EXACT = 'exact solution'  # In reports of progress.
 MAX_EXACT_SECONDS = 120.0
 """Longest exact solution that `auto` waits for [s]: a choice."""
 
@@ -238,9 +236,8 @@ def _expansion(job: Job) -> ExpansionPolicy:
         names = ['fit of the expansion']
         tasks: list[Task] = [fit]
         certified = job.certificate is None or job.certificate
-        upper = _named(job.progress, 'upper bound')
         if certified:
-            upper(Report(0, 0.0, 'not done yet'))
+            upper = _announced(job, 'upper bound')
             names.append('lower bound')
             tasks.append(partial(lower_bound, mission, covering(mission, max_states)))
         results = _run(job, pool, names, tasks)
@@ -268,9 +265,8 @@ def _recombined(method: str, job: Job) -> RecombinedPolicy:
         solve = partial(value_iteration, precision=job.precision, threads=1)
         names = [f'sub-MDP of {mission.goals[sub.goals[0]].name}' for sub in subs]
         tasks: list[Task] = [partial(solve, sub, job.tolerance) for sub in subs]
-        upper = _named(job.progress, 'upper bound')
         if job.certificate:
-            upper(Report(0, 0.0, 'not done yet'))
+            upper = _announced(job, 'upper bound')
             names.append('lower bound')
             limit = job.max_states or state_count(min(job.order, mission.k), mission.grid.q, 8)
             tasks.append(partial(lower_bound, mission, covering(mission, limit)))
@@ -282,16 +278,18 @@ def _recombined(method: str, job: Job) -> RecombinedPolicy:
 
 
 def _run(job: Job, pool: Workers, names: list[str], tasks: list[Task]) -> list[Any]:
-    """Results of tasks that take `progress`; elsewhere than here only their end is reported.
-
-    All are reported at the beginning, for the whole of the work to be known.
-    """
-    reports = [_named(job.progress, name) for name in names]
-    for report in reports:
-        report(Report(0, 0.0, 'not done yet'))
+    """Results of tasks that take `progress`; elsewhere than here only their end is reported."""
+    reports = [_announced(job, name) for name in names]
     if pool.here:
         tasks = [partial(task, progress=report) for task, report in zip(tasks, reports)]
     return list(pool.run(tasks, lambda number: reports[number](Report(0, 1.0, 'done'))))
+
+
+def _announced(job: Job, name: str) -> Progress:
+    """Progress of a task that is reported before it begins, for the whole work to be known."""
+    progress = _named(job.progress, name)
+    progress(Report(0, 0.0, 'not done yet'))
+    return progress
 
 
 def _named(progress: Progress, task: str) -> Progress:
