@@ -7,7 +7,8 @@ RUN = $(VENV)/bin/python
 
 # A venv belongs to the ROS it was made for: sourcing another one makes it anew.
 READY = $(VENV)/ready-$(or $(ROS_DISTRO),wheels)
-REQUIREMENTS = requirements.txt requirements-dev.txt requirements-ros-wheels.txt
+REQUIREMENTS = requirements.txt requirements-dev.txt requirements-cluster.txt
+ROS_WHEELS = requirements-ros-wheels.txt
 INSTALL = $(RUN) -m pip install --quiet --disable-pip-version-check
 
 # Traffic stays on this machine, and runs beside each other do not hear each other.
@@ -41,6 +42,7 @@ NONE_CHOSEN = $(if $(ARGS),|| test $$? -eq 5)
 
 # Unit tests share the processors; integration tests mostly wait, so four at a time, after them.
 test: $(READY)
+	@$(if $(ARGS),:,echo 'About ten minutes on two processors: 4 for the unit tests and 6 for the integration tests')
 	$(RUN) -m pytest test/unit test/property -n auto $(ARGS) $(NONE_CHOSEN)
 	$(RUN) -m pytest test/integration -n 4 $(ARGS) $(NONE_CHOSEN)
 
@@ -61,7 +63,7 @@ bench: $(READY)
 	    $(RUN) "$$script" $(ARGS) $(if $(UPDATE),--update); \
 	done
 
-$(READY): $(REQUIREMENTS)
+$(READY): $(REQUIREMENTS) $(ROS_WHEELS)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
 	  { echo '$(PYTHON) is missing or older than 3.10: choose another with PYTHON=...' >&2; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' || \
@@ -69,8 +71,8 @@ $(READY): $(REQUIREMENTS)
 	@echo 'Setting up $(VENV): a minute or two, once'
 	@if $(PYTHON) -c 'import rclpy' 2>/dev/null; then site=--system-site-packages; fi; \
 	  $(PYTHON) -m venv --clear $$site $(VENV)
-	@$(INSTALL) -r requirements.txt -r requirements-dev.txt
-	@$(RUN) -c 'import rclpy' 2>/dev/null || $(INSTALL) -r requirements-ros-wheels.txt
+	@$(INSTALL) $(REQUIREMENTS:%=-r %)
+	@$(RUN) -c 'import rclpy' 2>/dev/null || $(INSTALL) -r $(ROS_WHEELS)
 	@touch $@
 
 clean:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import sys
+import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 from setuptools import find_packages, setup
@@ -17,6 +18,12 @@ COMMANDS = {
     'base_station': 'nodes.base_station',
     'sim_autopilot': 'autopilot.sim_autopilot',
 }
+
+
+def requirements(which: str = '') -> list[str]:
+    """Return what a requirements file names, comments left out: libraries are declared there."""
+    lines = Path(f'requirements{which}.txt').read_text(encoding='utf-8').splitlines()
+    return [line for line in lines if line and not line.startswith('#')]
 
 
 def share_files() -> list[tuple[str, list[str]]]:
@@ -38,7 +45,7 @@ def executables() -> list[tuple[str, list[str]]]:
 
 setup(
     name=NAME,
-    version='0.1.0',
+    version=ElementTree.parse('package.xml').findtext('version'),
     description='Contingency-aware mission management of a UAV as a Markov decision process',
     maintainer='Seed 397f598a maintainers',
     maintainer_email='maintainers@users.noreply.h-seed-397f598a.example',
@@ -51,11 +58,13 @@ setup(
         *share_files(),
         *executables(),
     ],
-    zip_safe=True,
-    install_requires=['setuptools'],
+    package_data={NAME: ['py.typed']},
+    zip_safe=False,  # Type checkers look for py.typed in a folder.
+    install_requires=requirements(),
     extras_require={
-        'test': ['pytest', 'hypothesis', 'jsonschema'],
-        'cluster': ['distributed'],  # policy_build --scheduler.
+        'test': requirements('-dev'),
+        'ros': requirements('-ros-wheels'),  # The nodes, where no ROS is sourced.
+        'cluster': requirements('-cluster'),  # policy_build --scheduler.
     },
     entry_points={
         'console_scripts': [

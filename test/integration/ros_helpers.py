@@ -86,12 +86,14 @@ class NodeProcess:
     dies with the test's process: one left behind would be heard by whoever has its domain next.
     """
 
-    def __init__(self, domain: int, folder: Path, module: str, *args: str, **env: str) -> None:
+    def __init__(
+        self, domain: int, folder: Path, module: str, *args: str, cwd: Path = ROOT, **env: str
+    ) -> None:
         self.path = folder / f'{module.rsplit(".", 1)[-1]}-{time.monotonic_ns()}.log'
         with self.path.open('w') as output:
             self.process = subprocess.Popen(
                 [sys.executable, '-m', module, *args],
-                cwd=ROOT,
+                cwd=cwd,
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 env=os.environ

@@ -228,6 +228,7 @@ def test_goal_states_are_repeated_though_nothing_is_decided(ros: Ros, flight: Fl
     count = len(flight.goals)
     ros.until(lambda: len(flight.goals) >= count + 3, 'repetition')
     assert flight.commands == []
+    assert process.lines('ERROR') == [], 'what was never heard is not lost'
 
 
 def test_goal_states_come_before_the_command_that_follows_from_them(

@@ -36,7 +36,7 @@ ROOMS = {
     'evaluation': {'ground floor', 'exact', 'recombination'},
 }
 ROS = {'rclpy', 'ament_index_python', 'builtin_interfaces', 'rcl_interfaces', 'std_srvs'}
-COMMON_GROUND = {'paths', 'geodesy', 'echo', 'likeness'}
+COMMON_GROUND = {'paths', 'geodesy', 'echo', 'likeness', 'arguments'}
 """Modules that import none of the layers and serve all; the earth is the autopilot's too."""
 MODULES = sorted((ROOT / PACKAGE).glob('*/**/*.py'))
 PLAYS_ONE_PART = {'main', 'PARAMETERS'}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import os
@@ -11,10 +12,14 @@ import sys
 
 import pytest
 import yaml
+from rich.console import Console
+from rich.progress import Progress
 from strategies import CASE_STUDY, case_study
 
-from uav_mission_manager import load_policy
+from uav_mission_manager import __version__, load_policy
+from uav_mission_manager.cli import policy_build
 from uav_mission_manager.paths import share_directory
+from uav_mission_manager.solver.progress import Report
 
 SHIPPED = share_directory() / 'policies' / 'case_study'
 STATE = '1,1,0,1,0,2,1,1,0,2,1'
@@ -45,9 +50,38 @@ def write(path, document):
 
 @pytest.mark.parametrize('command', ['policy_build', 'policy_query'])
 def test_help_and_usage(command):
+    assert run(command, '--version').stdout == f'uav_mission_manager {__version__}\n'
     assert run(command, '--help').stdout.startswith(f'usage: {command} ')
     wrong = run(command, '--nonsense')
     assert (wrong.returncode, wrong.stdout) == (2, '')
+
+
+ARGPARSED = ['cli.policy_build', 'cli.policy_query', 'cli.demo', 'autopilot.sim_autopilot']
+
+
+@pytest.mark.parametrize('module', ARGPARSED)
+def test_a_shell_completes_an_option(module, tmp_path):
+    """As bash asks it: the line, the place in it, and a file for the answer."""
+    command = module.rpartition('.')[2]
+    asked = {
+        '_ARGCOMPLETE': '1',
+        '_ARGCOMPLETE_STDOUT_FILENAME': str(tmp_path / 'answer'),
+        '_ARGCOMPLETE_SHELL': 'bash',
+        '_ARGCOMPLETE_IFS': '\n',
+        'COMP_LINE': f'{command} --ver',
+        'COMP_POINT': str(len(f'{command} --ver')),
+    }
+    subprocess.run(
+        [sys.executable, '-m', f'uav_mission_manager.{module}'],
+        env=os.environ | asked,
+        cwd=share_directory(),
+        timeout=120,
+        check=False,
+    )
+    assert (tmp_path / 'answer').read_text().strip() == '--version'
+    source = share_directory() / 'uav_mission_manager' / module.replace('.', '/')
+    source = source / '__init__.py' if source.is_dir() else source.with_suffix('.py')
+    assert source.read_text().startswith('# PYTHON_ARGCOMPLETE_OK\n')
 
 
 def test_build_of_the_case_study(tmp_path):
@@ -223,3 +257,16 @@ def test_query_of_a_broken_set(tmp_path):
     assert_one_line(
         run('policy_query', tmp_path, '--state', STATE), 'policy_query', 'manifest.json'
     )
+
+
+def test_the_bars_count_the_whole_of_the_work():
+    """Also what has not begun: the share of all parts, and how many are done."""
+    bars = Progress(console=Console(file=io.StringIO()), disable=True)
+    show = policy_build._bars(bars)
+    for task in ('a', 'b', 'c', 'd'):
+        show(Report(0, 0.0, 'not done yet', task))
+    show(Report(1, 0.5, 'half', 'c'))
+    show(Report(1, 1.0, 'done', 'a'))
+    whole, *parts = bars.tasks
+    assert (whole.description, whole.completed) == ('1 of 4 parts done', 37.5)
+    assert [part.description for part in parts if part.visible] == ['c: half']

@@ -129,9 +129,10 @@ def test_odd_names_in_the_demo(name, terminal, capsys, monkeypatch):
     monkeypatch.setenv('COLUMNS', '400')
     if terminal:
         monkeypatch.setenv('FORCE_COLOR', '1')
-    with View(f'title {name}') as view:
-        view.decision((1, 1), f'commit {name} normal', f'{name} has low priority', 'cell 1')
-        view.event(f'vehicle: {name} completed')
+    view = View(f'title {name}', goals=1)
+    view.start()
+    view.decision((1, 1), f'commit {name} normal', f'{name} has low priority', 'cell 1')
+    view.event(f'vehicle: {name} completed')
     out, _ = capsys.readouterr()
     for text in (f'title {name}', f'commit {name} normal', f'{name} has low', f'{name} completed'):
         assert text in out

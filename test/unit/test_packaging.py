@@ -5,13 +5,18 @@ from __future__ import annotations
 import ast
 import os
 import re
+import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
+from datetime import date
+from importlib import import_module
+from importlib.metadata import PathDistribution
 from pathlib import Path
 
 import pytest
 
+import uav_mission_manager
 from uav_mission_manager.paths import share_directory
 
 ROOT = Path(__file__).parents[2]
@@ -27,6 +32,7 @@ ROSDEP_KEYS = {
     'pymavlink': 'python3-pymavlink-pip',
     'pyserial': 'python3-serial',
     'pymap3d': 'python3-pymap3d',
+    'argcomplete': 'python3-argcomplete',
 }
 OPTIONAL = {'threadpoolctl'}  # rosdep has no key for it.
 PYPI_NAMES = {'yaml': 'pyyaml', 'serial': 'pyserial'}  # Where the import is called otherwise.
@@ -97,10 +103,66 @@ def launched_nodes(path: Path) -> dict[str, set[str]]:
     return {call.args[0].value: {k.arg for k in call.keywords} for call in calls(path, 'node')}
 
 
-def test_name_version_and_license_agree():
+def test_name_and_license_agree():
     assert MANIFEST.findtext('name') == PACKAGE
-    for tag in ('version', 'license'):
-        assert keywords(ROOT / 'setup.py', tag) == {MANIFEST.findtext(tag)}
+    assert keywords(ROOT / 'setup.py', 'license') == {MANIFEST.findtext('license')}
+
+
+@pytest.fixture(scope='module')
+def metadata(tmp_path_factory):
+    """What pip would be told of this package, from a copy: setuptools writes beside setup.py."""
+    copy = tmp_path_factory.mktemp('source')
+    for name in (
+        'setup.py',
+        'setup.cfg',
+        'package.xml',
+        *map(str, ROOT.glob('requirements*.txt')),
+    ):
+        shutil.copy(ROOT / name, copy)
+    shutil.copytree(ROOT / PACKAGE, copy / PACKAGE, ignore=shutil.ignore_patterns('__pycache__'))
+    command = [sys.executable, 'setup.py', '-q', 'egg_info']
+    subprocess.run(command, cwd=copy, check=True, capture_output=True)
+    return PathDistribution(copy / f'{PACKAGE}.egg-info')
+
+
+def test_version_is_the_manifests_everywhere(metadata):
+    assert metadata.version == uav_mission_manager.__version__ == MANIFEST.findtext('version')
+
+
+@pytest.mark.parametrize('command', commands())
+def test_every_command_says_the_version(command, capsys):
+    main = import_module(f'{PACKAGE}.{commands()[command]}').main
+    try:
+        code = main(['--version'])
+    except SystemExit as end:
+        code = end.code
+    assert (code, capsys.readouterr().out) == (0, f'{PACKAGE} {uav_mission_manager.__version__}\n')
+
+
+@pytest.mark.parametrize(
+    ('extra', 'which'),
+    [('', ''), ('test', '-dev'), ('ros', '-ros-wheels'), ('cluster', '-cluster')],
+)
+def test_pip_installs_what_a_requirements_file_names(metadata, extra, which):
+    marked = [line.replace("'", '"').partition(';') for line in metadata.requires]
+    marker = f'extra == "{extra}"' if extra else ''
+    lines = (ROOT / f'requirements{which}.txt').read_text().splitlines()
+    named = {line for line in lines if line and not line.startswith('#')}
+    assert {name for name, _, when in marked if when.strip() == marker} == named != set()
+
+
+def test_types_are_shipped(metadata):
+    assert f'{PACKAGE}/py.typed' in {str(path) for path in metadata.files}
+
+
+def test_changelog_ends_its_news_with_the_version_and_falling_dates():
+    text = (ROOT / 'CHANGELOG.rst').read_text()
+    found = re.findall(r'^([\d.]+) \((\d{4}-\d\d-\d\d)\)\n-+$', text, re.MULTILINE)
+    versions = [tuple(map(int, version.split('.'))) for version, _ in found]
+    dates = [date.fromisoformat(day) for _, day in found]
+    assert found[0][0] == MANIFEST.findtext('version')
+    assert versions == sorted(set(versions), reverse=True)
+    assert dates == sorted(dates, reverse=True)
 
 
 def test_every_import_is_declared():

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from strategies import case_study
 
 from uav_mission_manager import build_policy
 from uav_mission_manager.mdp import mission_from_dict
+from uav_mission_manager.policy.workers import Workers, workers
 
 
 def many_goals(k):
@@ -37,9 +39,26 @@ def test_processes_make_the_same_bytes(method, tmp_path):
     assert contents(together, tmp_path / 'a') == contents(alone, tmp_path / 'b')
     tasks = {
         'split': ['sub-MDP of goal1', 'sub-MDP of goal2', 'sub-MDP of goal3'],
-        'expansion': ['fit of the expansion', 'lower bound'],
-    }
-    assert [(report.task, report.done) for report in reports] == [(t, 1) for t in tasks[method]]
+        'expansion': ['fit of the expansion', 'lower bound', 'upper bound'],
+    }[method]
+    begun = reports[: len(tasks)]
+    assert sorted((report.task, report.done) for report in begun) == sorted((t, 0) for t in tasks)
+    ends = [report.task for report in reports if report.done == 1]
+    assert sorted(ends) == sorted(tasks)
+    assert set(ends) == {report.task for report in reports}
+
+
+def test_ends_are_counted_as_they_come_and_results_keep_their_order():
+    ended = []
+    backwards = Workers(lambda tasks: reversed([(n, task()) for n, task in enumerate(tasks)]))
+    results = backwards.run([partial(pow, n, 2) for n in range(5)], ended.append)
+    assert list(results) == [0, 1, 4, 9, 16]
+    assert ended == [4, 3, 2, 1, 0]
+
+
+def test_a_pool_keeps_the_order():
+    with workers(jobs=2) as pool:
+        assert list(pool.run([partial(pow, n, 2) for n in range(50)])) == [n**2 for n in range(50)]
 
 
 def test_load_on_the_machine_changes_no_byte(tmp_path):
@@ -69,8 +88,8 @@ def test_a_cluster_that_loses_a_worker_finds_the_same(cluster):
     mission = many_goals(24)
     lost = []
 
-    def kill_one(_report):
-        if not lost:
+    def kill_one(report):
+        if report.done == 1 and not lost:
             lost.append(cluster.workers[0].process.pid)
             os.kill(lost[0], signal.SIGKILL)
 

@@ -1,3 +1,4 @@
+# PYTHON_ARGCOMPLETE_OK
 """Simulated autopilot: a small multirotor that speaks MAVLink 2 as ArduCopter does."""
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Any
 
 from pymavlink import mavutil
 
+from uav_mission_manager.arguments import complete, version_line
 from uav_mission_manager.autopilot.link import read_port
 from uav_mission_manager.autopilot.simulator.flight import SimulatedFlight
 from uav_mission_manager.autopilot.simulator.frames import MOTOR_FRAMES
@@ -43,6 +45,7 @@ MAX_LATITUDE = 85.0
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until SIGINT or SIGTERM; return the exit code."""
     parser = _parser()
+    complete(parser)
     options = parser.parse_args(arguments)
     names = options.connection or [DEFAULT_CONNECTION]
     try:
@@ -85,6 +88,7 @@ def _run(flight: SimulatedFlight, ports: Sequence[Any], system: int, camera: boo
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='sim_autopilot', description=__doc__)
+    parser.add_argument('--version', action='version', version=version_line())
     parser.add_argument(
         '--connection',
         type=_connection,

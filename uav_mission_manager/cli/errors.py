@@ -12,6 +12,7 @@ from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
+from uav_mission_manager.arguments import complete, version_line
 from uav_mission_manager.echo import shown
 
 LONGEST_REFUSAL = 600
@@ -28,7 +29,16 @@ STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class CommandParser(argparse.ArgumentParser):
-    """Refuses arguments in one line, with exit code 2."""
+    """Has `--version` and completion; refuses arguments in one line, with exit code 2."""
+
+    def __init__(self, **how: Any) -> None:
+        super().__init__(**how)
+        self.add_argument('--version', action='version', version=version_line())
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse, or complete for a shell that asks."""
+        complete(self)
+        return super().parse_args(args, namespace)
 
     def print_help(self, file: Any = None) -> None:
         """Print the help; without room for it this raises `OSError`, unlike argparse."""

@@ -1,3 +1,4 @@
+# PYTHON_ARGCOMPLETE_OK
 """`policy_build`: solve a mission file and write its policy set."""
 
 from __future__ import annotations
@@ -143,14 +144,29 @@ def _solve(options: argparse.Namespace) -> Policy:
 
 
 def _bars(progress: Progress) -> ProgressProtocol:
-    """One bar for each task."""
+    """One bar for each part under way and, if there are several, one in which they count alike."""
+    whole = progress.add_task('', visible=False)
     bars: dict[str, TaskID] = {}
+    shares: dict[str, float] = {}
 
     def show(report: Report) -> None:
         if report.task not in bars:
-            bars[report.task] = progress.add_task('')
-        text = f'{report.task}: {report.text}'
-        progress.update(bars[report.task], completed=100 * report.done, description=text)
+            bars[report.task] = progress.add_task('', visible=False)
+        shares[report.task] = report.done
+        alone = len(shares) == 1
+        progress.update(
+            bars[report.task],
+            completed=100 * report.done,
+            description=f'{report.task}: {report.text}',
+            visible=alone or 0 < report.done < 1,
+        )
+        ended = sum(share == 1 for share in shares.values())
+        progress.update(
+            whole,
+            completed=100 * sum(shares.values()) / len(shares),
+            description=f'{ended} of {len(shares)} parts done',
+            visible=not alone,
+        )
 
     return show
 

@@ -1,3 +1,4 @@
+# PYTHON_ARGCOMPLETE_OK
 """`policy_query`: what a policy does in one state, and why."""
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ import signal
 import sys
 import threading
 import time
+from importlib.util import find_spec
 
 NODES = ('manager', 'base_station', 'mavlink_bridge', 'solver')
 """Commands of this package that are nodes."""
@@ -25,6 +26,15 @@ def node_run() -> str:
         program = sys.orig_argv[sys.orig_argv.index('-m') + 1].rpartition('.')[2]
     name = os.path.basename(program)
     return name if name in NODES else ''
+
+
+def need_ros(command: str) -> None:
+    """End the command in one line where there is no ROS 2 to import."""
+    if find_spec('rclpy') is None:
+        sys.exit(
+            f"{command}: ROS 2 is not there: source its setup.bash, or pip install '.[ros]' where "
+            'this package is from'
+        )
 
 
 class Ending:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable
 from dataclasses import fields
@@ -228,6 +229,9 @@ class Manager(ManagedNode):
     def _tell_silence(self, refusal: Refusal) -> None:
         if not self._knows_what_is_wanted:
             self.get_logger().info('waits for goal priorities', once=True)
+        elif self._core.situation.missing(seconds(self._steady), math.inf):
+            # Never heard, as it is while all start: no error yet.
+            self.get_logger().warning(f'no command yet: {refusal.reason}', once=True)
         elif not self._silences.current:  # Its words change with the ages in it.
             self._silences.add('command', f'{refusal.reason}: no command until it is back')
 

@@ -16,6 +16,7 @@ from rclpy.logging import LoggingSeverity, get_logger, set_logger_level
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from uav_mission_manager.arguments import version_line
 from uav_mission_manager.nodes.ending import ENDING
 from uav_mission_manager.nodes.failures import START_ERRORS, FatalError, one_line
 from uav_mission_manager.nodes.lifecycle import ManagedNode
@@ -41,12 +42,15 @@ def run_node(
     Returns
     -------
     int
-        Exit code: 0 after SIGINT, SIGTERM, SIGHUP or `--help`, 1 when the node could not start or
-        a callback raised `FatalError` (one log line).
+        Exit code: 0 after SIGINT, SIGTERM, SIGHUP, `--help` or `--version`, 1 when the node could
+        not start or a callback raised `FatalError` (one log line).
     """
     words = sys.argv[1:] if args is None else args
     if {'-h', '--help'} & set(words):
         print(_help(node_class, table))
+        return 0
+    if '--version' in words:
+        print(version_line())
         return 0
     ENDING.watch()
     node = executor = None

@@ -44,6 +44,7 @@ DEFAULT_METHOD = 'auto'
 DEFAULT_ORDER = 3
 """Most goals of an expansion's clusters in full where nothing else is asked for: a choice."""
 
+EXACT = 'exact solution'  # In reports of progress.
 MAX_EXACT_SECONDS = 120.0
 """Longest exact solution that `auto` waits for [s]: a choice."""
 
@@ -151,6 +152,7 @@ def _auto(job: Job) -> Policy:
             policy: Policy = _exact(replace(job, progress=clock))
         except _TooSlowError as error:
             reason = str(error)
+            job.progress(Report(0, 1.0, 'given up', EXACT))
         else:
             policy.reason = 'exact: it fits in memory and takes less than two minutes'
             return policy
@@ -206,7 +208,7 @@ def _exact(job: Job) -> ExactPolicy:
     sub = whole_mission(mission)
     max_states = sub.states if job.max_states is None else job.max_states
     plan = decompose(mission, max_states, 'blocks')
-    progress = _named(job.progress, 'exact solution')
+    progress = _named(job.progress, EXACT)
     if len(plan.parts) > 1:
         if checkpoint is not None:
             raise ValueError('a solution block by block cannot be resumed from a checkpoint')
@@ -235,12 +237,13 @@ def _expansion(job: Job) -> ExpansionPolicy:
         tasks: list[Task] = [fit]
         certified = job.certificate is None or job.certificate
         if certified:
+            upper = _announced(job, 'upper bound')
             names.append('lower bound')
             tasks.append(partial(lower_bound, mission, covering(mission, max_states)))
         results = _run(job, pool, names, tasks)
         policy = ExpansionPolicy(_plan(results[0], max_states), results[0])
         if certified:
-            policy.certificate = certify(policy, results[1], pool)
+            policy.certificate = certify(policy, results[1], pool, upper)
     return policy
 
 
@@ -263,26 +266,30 @@ def _recombined(method: str, job: Job) -> RecombinedPolicy:
         names = [f'sub-MDP of {mission.goals[sub.goals[0]].name}' for sub in subs]
         tasks: list[Task] = [partial(solve, sub, job.tolerance) for sub in subs]
         if job.certificate:
+            upper = _announced(job, 'upper bound')
             names.append('lower bound')
             limit = job.max_states or state_count(min(job.order, mission.k), mission.grid.q, 8)
             tasks.append(partial(lower_bound, mission, covering(mission, limit)))
         results = _run(job, pool, names, tasks)
         policy = RecombinedPolicy(method, plan, results[: len(subs)])
         if job.certificate:
-            policy.certificate = certify(policy, results[-1], pool)
+            policy.certificate = certify(policy, results[-1], pool, upper)
     return policy
 
 
 def _run(job: Job, pool: Workers, names: list[str], tasks: list[Task]) -> list[Any]:
     """Results of tasks that take `progress`; elsewhere than here only their end is reported."""
-    reports = [_named(job.progress, name) for name in names]
+    reports = [_announced(job, name) for name in names]
     if pool.here:
         tasks = [partial(task, progress=report) for task, report in zip(tasks, reports)]
-    results = []
-    for report, result in zip(reports, pool.run(tasks)):
-        results.append(result)
-        report(Report(0, 1.0, 'done'))
-    return results
+    return list(pool.run(tasks, lambda number: reports[number](Report(0, 1.0, 'done'))))
+
+
+def _announced(job: Job, name: str) -> Progress:
+    """Progress of a task that is reported before it begins, for the whole work to be known."""
+    progress = _named(job.progress, name)
+    progress(Report(0, 0.0, 'not done yet'))
+    return progress
 
 
 def _named(progress: Progress, task: str) -> Progress:

@@ -14,6 +14,7 @@ confidence bound of it in n states drawn evenly. Then with confidence 1 - c^n at
 from __future__ import annotations
 
 from functools import partial
+from itertools import count
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from uav_mission_manager.solver.evaluation.policy_evaluation import (
     tabulate,
 )
 from uav_mission_manager.solver.evaluation.simulation import Estimate, estimate
+from uav_mission_manager.solver.progress import Progress, Report, ignore
 from uav_mission_manager.solver.submdp import whole_mission
 
 MAX_EVALUATED_ENTRIES = 1 << 17
@@ -60,12 +62,16 @@ MeanGap = tuple[float, float] | tuple[None, None]
 """Mean of a gap and its standard error; None where one of the gaps is not finite."""
 
 
-def certify(policy: Policy, bound: LowerBound, workers: Workers) -> Certificate:
+def certify(
+    policy: Policy, bound: LowerBound, workers: Workers, progress: Progress = ignore
+) -> Certificate:
     """Bound the cost of a policy from above and compare it with a bound from below."""
     # What best_value does depends on c, which tables over W lack.
     whole = whole_mission(policy.mission)
     tables = whole.entries <= MAX_EVALUATED_ENTRIES and policy.method != 'best_value'
-    return _evaluated(policy, bound) if tables else _simulated(policy, bound, workers)
+    made = _evaluated(policy, bound) if tables else _simulated(policy, bound, workers, progress)
+    progress(Report(0, 1.0, 'upper bound found'))
+    return made
 
 
 def _evaluated(policy: Policy, bound: LowerBound) -> Certificate:
@@ -84,13 +90,23 @@ def _evaluated(policy: Policy, bound: LowerBound) -> Certificate:
     return _certificate(bound, offset, 1.0, 1.0, gaps, largest)
 
 
-def _simulated(policy: Policy, bound: LowerBound, workers: Workers) -> Certificate:
+def _simulated(
+    policy: Policy, bound: LowerBound, workers: Workers, progress: Progress
+) -> Certificate:
     rng = np.random.default_rng(0)
     even = policy.space.draw(SIMULATED_STATES, rng)
     flown = flown_states(policy.mission, policy.act, SIMULATED_STATES, rng)
     parts = np.array_split(np.concatenate([even, flown]), SIMULATION_TASKS)
     tasks = [partial(_estimate, policy, part, seed) for seed, part in enumerate(parts)]
-    found = list(workers.run(tasks))
+    ended = count(1)
+
+    def tell(_: int) -> None:
+        step = next(ended)
+        # The comparison of the bounds is left to do.
+        done = step / (len(tasks) + 1)
+        progress(Report(step, done, f'{step} of {len(tasks)} simulations'))
+
+    found = list(workers.run(tasks, tell))
     mean, above = (
         np.concatenate([getattr(part, name) for part in found]) for name in ('mean', 'upper')
     )

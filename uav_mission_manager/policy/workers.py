@@ -6,7 +6,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -24,14 +24,27 @@ class Workers:
 
     Attributes
     ----------
-    run : callable
-        Returns an iterator over the results of tasks, in their order.
+    each : callable
+        Returns an iterator over numbers and results of tasks, as they end.
     here : bool
         Whether that is in this process; elsewhere tasks and results are pickled.
     """
 
-    run: Callable[[Sequence[Task]], Iterator[Any]]
+    each: Callable[[Sequence[Task]], Iterator[tuple[int, Any]]]
     here: bool = False
+
+    def run(
+        self, tasks: Sequence[Task], ended: Callable[[int], object] = lambda number: None
+    ) -> Iterator[Any]:
+        """Iterate over the results of tasks, in their order; `ended` is told whose is there."""
+        waiting: dict[int, Any] = {}
+        following = 0
+        for number, result in self.each(tasks):
+            ended(number)
+            waiting[number] = result
+            while following in waiting:
+                yield waiting.pop(following)
+                following += 1
 
 
 @contextmanager
@@ -57,14 +70,12 @@ def workers(jobs: int = 1, scheduler: str | None = None) -> Iterator[Workers]:
         raise ValueError(f'jobs {jobs} must be above 0')
     if scheduler is not None:
         with _client(scheduler) as client:
-            yield Workers(
-                lambda tasks: (future.result() for future in client.map(_call, tasks, pure=False))
-            )
+            yield Workers(partial(_on_cluster, client))
     elif jobs == 1:
-        yield Workers(lambda tasks: (task() for task in tasks), here=True)
+        yield Workers(lambda tasks: ((n, task()) for n, task in enumerate(tasks)), here=True)
     else:
         with _pool(jobs) as pool:
-            yield Workers(partial(_map, pool))
+            yield Workers(partial(_in_pool, pool))
 
 
 @contextmanager
@@ -82,9 +93,18 @@ def _pool(jobs: int) -> Iterator[ProcessPoolExecutor]:
             raise
 
 
-def _map(pool: ProcessPoolExecutor, tasks: Sequence[Task]) -> Iterator[Any]:
+def _in_pool(pool: ProcessPoolExecutor, tasks: Sequence[Task]) -> Iterator[tuple[int, Any]]:
     with _deaf_children():
-        return pool.map(_call, tasks)
+        numbers = {pool.submit(_call, task): number for number, task in enumerate(tasks)}
+    for future in as_completed(numbers):
+        yield numbers[future], future.result()
+
+
+def _on_cluster(client: Any, tasks: Sequence[Task]) -> Iterator[tuple[int, Any]]:
+    futures = client.map(_call, tasks, pure=False)
+    numbers = {future.key: number for number, future in enumerate(futures)}
+    for future in import_module('distributed').as_completed(futures, loop=client.loop):
+        yield numbers[future.key], future.result()
 
 
 @contextmanager

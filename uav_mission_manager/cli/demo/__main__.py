@@ -1,5 +1,5 @@
 """Run the demo."""
 
-from uav_mission_manager.cli.demo.runner import main
+from uav_mission_manager.cli.demo import main
 
 raise SystemExit(main())

@@ -142,10 +142,9 @@ class DemoFlight(Node):
             self.view.decision(state, command or '(silent)', status.message, self._where())
 
     def _where(self) -> str:
-        east, north, up = self.position
         if self.cell < 0:
             return 'unknown'
-        return f'cell {self.cell} ({east:.0f}, {north:.0f}, {up:.0f}) m'
+        return f'cell {self.cell} ({", ".join(str(round(x)) for x in self.position)}) m'
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

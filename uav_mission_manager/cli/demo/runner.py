@@ -115,16 +115,17 @@ def _fly(
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     executor = SingleThreadedExecutor()
     try:
-        with View(title) as view:
-            flight = DemoFlight(mission, stack.crew_connection, view)
-            executor.add_node(flight)
-            stack.start(_origin(mission))
-            view.event('pids ' + ', '.join(f'{n} {p.pid}' for n, p in stack.processes.items()))
-            failure = _play(script(flight), flight, stack, executor)
-            achieved = len(flight.asked & set(flight.completed))
-            seconds = time.monotonic() - start
-            executor.remove_node(flight)
-            flight.close()
+        view = View(title, mission.k)
+        view.start()
+        flight = DemoFlight(mission, stack.crew_connection, view)
+        executor.add_node(flight)
+        stack.start(_origin(mission))
+        view.event('pids ' + ', '.join(f'{n} {p.pid}' for n, p in stack.processes.items()))
+        failure = _play(script(flight), flight, stack, executor)
+        achieved = len(flight.asked & set(flight.completed))
+        seconds = time.monotonic() - start
+        executor.remove_node(flight)
+        flight.close()
         return FlightResult(title, failure, len(flight.asked), achieved, flight.home, seconds)
     finally:
         with undisturbed():

@@ -1,68 +1,63 @@
-"""The live table: one row a decision, events between them."""
+"""What happens in the demo, as lines: a decision and why it was made, events between them."""
 
 from __future__ import annotations
 
-from types import TracebackType
+from textwrap import wrap
 
 from rich.console import Console
-from rich.live import Live
-from rich.table import Table
 
-LINES_BESIDES_ROWS = 6
-"""Lines of a terminal that the live table needs besides its rows: title, head, borders."""
+from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS
+
+LEGEND = (
+    f'state: f fault mode, {", ".join(f"{n} {name}" for n, name in enumerate(FAULT_MODES, 1))}; '
+    'r of each goal, 1 in range; g of each goal, its priority 0 to 2; l cell; '
+    'c goal committed to, 0 none; '
+    f't threat, {", ".join(f"{n} {name}" for n, name in enumerate(THREAT_LEVELS))}; '
+    'm mode, 0 normal, 1 agile'
+)
+"""What the numbers of a state say."""
+
+ROW = '{:>5}  {:<22}  {:<20}  {}'
+"""Epoch, state, command, position: at most 77 characters for three goals on a small grid."""
+
+INDENT = ' ' * 7
+"""Reasons and events stand below the state."""
 
 
 class View:
-    """Rows of epoch, state, command, reason and position; live on a terminal, lines elsewhere."""
+    """Lines of epoch, state, command, position and reason; wrapped where a terminal is narrow.
 
-    def __init__(self, title: str) -> None:
-        self.title = title
-        self.console = Console(markup=False, emoji=False)  # Goals may be called [b] or :b:.
-        self.rows: list[tuple[str, ...]] = []
+    Parameters
+    ----------
+    title : str
+    goals : int
+        Number of goals of the mission.
+    """
+
+    def __init__(self, title: str, goals: int) -> None:
+        self.title, self.goals = title, goals
         self.epoch = 0
-        live = self.console.is_terminal
-        self._live = Live(console=self.console, auto_refresh=False) if live else None
+        self._console = Console()  # It knows whether this is a terminal, and how wide now.
 
-    def __enter__(self) -> View:
-        """Show the title."""
-        if self._live:
-            self._live.start()
-        else:
-            print(self.title, flush=True)
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Leave the last rows standing."""
-        if self._live:
-            self._live.stop()
+    def start(self) -> None:
+        """Show title, legend and headings."""
+        self._show(self.title)
+        self._show(LEGEND)
+        state = ' '.join(('f', *'r' * self.goals, *'g' * self.goals, *'lctm'))
+        self._show(ROW.format('epoch', state, 'command', 'position'))
 
     def decision(self, state: tuple[int, ...], command: str, reason: str, where: str) -> None:
-        """Add a row: the manager decided anew, so a new epoch begins."""
+        """Show that the manager decided anew, so a new epoch begins."""
         self.epoch += 1
-        self._add(str(self.epoch), ' '.join(map(str, state)), command, reason, where)
+        self._show(ROW.format(self.epoch, ' '.join(map(str, state)), command, where))
+        self._show(f'{INDENT}{reason}')
 
     def event(self, text: str) -> None:
-        """Add a row for something that happened."""
-        self._add('', '', '', f'* {text}', '')
+        """Show something that happened."""
+        self._show(f'{INDENT}* {text}')
 
-    def _add(self, *row: str) -> None:
-        self.rows.append(row)
-        if self._live is None:
-            epoch, state, command, reason, where = row
-            print(
-                f'{epoch:>4}  {state:<23}  {command:<20}  {reason:<70}  {where}'.rstrip(),
-                flush=True,
-            )
-            return
-        table = Table(title=self.title, expand=True)
-        for heading in ('epoch', 'state [f r g l c t m]', 'command', 'reason', 'position'):
-            # On a narrow terminal it is the reason that is cut.
-            table.add_column(heading, no_wrap=True, ratio=1 if heading == 'reason' else None)
-        for shown in self.rows[-max(self.console.height - LINES_BESIDES_ROWS, 1) :]:
-            table.add_row(*shown)
-        self._live.update(table, refresh=True)
+    def _show(self, text: str) -> None:
+        """Print a text; on a terminal in lines of its width."""
+        if self._console.is_terminal and len(text) > self._console.width:
+            text = '\n'.join(wrap(text, self._console.width, subsequent_indent=INDENT))
+        print(text, flush=True)
