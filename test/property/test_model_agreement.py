@@ -83,7 +83,7 @@ def assert_same(q, expected, tolerance):
 
 
 @pytest.mark.parametrize('form', FORMS)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(any_mission, seeds)
 @example(lively(), 0)
 @example(lively(feasibility='paper'), 0)
@@ -95,7 +95,7 @@ def test_one_epoch_look_ahead(form, document, seed):
 
 
 @pytest.mark.parametrize('entries', [sweep.MAX_BLOCK_ENTRIES, 40])
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(any_mission, seeds)
 @example(lively(), 0)
 def test_a_sweep_takes_the_least_of_the_look_ahead(entries, document, seed):
@@ -111,7 +111,7 @@ def test_a_sweep_takes_the_least_of_the_look_ahead(entries, document, seed):
     np.testing.assert_allclose(values, expected, **DOUBLE)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(missions(SIZES, [2, 3]), st.integers(1, 2), seeds)
 @example(lively(), 1, 0)
 def test_sub_mdps_with_shares_add_up_to_the_mission(document, n, seed):
@@ -131,7 +131,7 @@ def test_sub_mdps_with_shares_add_up_to_the_mission(document, n, seed):
     np.testing.assert_allclose(q[allowed], expected[allowed], **DOUBLE)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(any_mission, seeds)
 @example(lively(), 0)
 @example(lively(feasibility='paper'), 0)
@@ -150,7 +150,7 @@ def test_simulated_steps(document, seed):
         assert_drawn_from(dict(zip(after, counts.tolist())), expected)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(any_mission, seeds)
 def test_simulated_costs_and_what_may_be_simulated(document, seed):
     model, simulator = BruteForce(document), Simulator(mission_from_dict(document, 'test'))
@@ -170,7 +170,7 @@ def test_simulated_costs_and_what_may_be_simulated(document, seed):
 # The model's own functions
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(missions([(1, 1), (2, 4), (3, 3)], [1, 2, 4]), seeds)
 def test_stage_costs_and_feasibility(document, seed):
     model, mission = BruteForce(document), mission_from_dict(document, 'test')
@@ -186,7 +186,7 @@ def test_stage_costs_and_feasibility(document, seed):
     np.testing.assert_array_equal(allowed_actions(mission, states), expected)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(any_mission, seeds)
 @example(lively(), 0)
 @example(lively(feasibility='paper'), 0)
@@ -207,7 +207,7 @@ def test_next_states_and_their_probabilities(document, seed):
                 assert found[after] == pytest.approx(expected[after], rel=1e-12, abs=1e-15)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(missions([(1, 1), (2, 4), (3, 3)], [1, 3]))
 def test_rows_of_every_matrix_are_distributions(document):
     mission = mission_from_dict(document, 'test')

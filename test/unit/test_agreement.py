@@ -32,7 +32,7 @@ def explicit(agreement):
     return importlib.import_module('parts.explicit').explicit
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(document=missions([(1, 1), (1, 2)], [1, 2]), seed=st.integers(0, 99))
 def test_successors(agreement, document, seed):
     model, rng = BruteForce(document), np.random.default_rng(seed)
@@ -45,7 +45,7 @@ def test_successors(agreement, document, seed):
         np.testing.assert_allclose(chain.successors(state, action), expected, rtol=0, atol=1e-12)
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(document=missions([(1, 2), (2, 2)], [1]) | missions([(1, 1)], [2]), seed=st.integers(0, 99))
 def test_cost_of_a_policy_that_looks_at_everything(agreement, document, seed):
     model, rng = BruteForce(document), np.random.default_rng(seed)
@@ -60,7 +60,7 @@ def test_cost_of_a_policy_that_looks_at_everything(agreement, document, seed):
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-6)
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(document=missions([(1, 1), (1, 2)], [1, 2]), seed=st.integers(0, 99))
 def test_explicit_mdp(explicit, document, seed):
     model, rng = BruteForce(document), np.random.default_rng(seed)

@@ -97,7 +97,7 @@ def cuts(draw, cells):
     return blocks + draw(st.lists(st.sampled_from(blocks), max_size=1))
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(missions([(1, 2), (2, 2)], [1]), st.data())
 def test_small_missions_against_policy_iteration(document, data):
     mission, reference = mission_from_dict(document, 'test'), solve(BruteForce(document))
@@ -112,7 +112,7 @@ def test_small_missions_against_policy_iteration(document, data):
     assert rounds == 3 or solution.upper <= 2e-6 + slack
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(missions([(1, 3), (2, 2)], [2]), st.data())
 def test_a_round_is_a_whole_backup_of_any_mission(document, data):
     sub = whole_mission(mission_from_dict(document, 'test'))

@@ -48,7 +48,7 @@ def whole():
     return mission, states, optimum(mission, states)[0]
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(missions([(1, 1), (1, 3), (2, 2)], [1, 2, 3]), st.data())
 def test_below_the_optimum_of_any_mission(document, data):
     """V* of exact arithmetic lies within `slack` of the solver's."""
@@ -61,7 +61,7 @@ def test_below_the_optimum_of_any_mission(document, data):
     assert (bound.values(states) >= 0).all()
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(missions([(1, 2), (2, 2)], [1, 2, 3]))
 def test_one_cluster_of_all_goals_is_the_optimum(document):
     mission = mission_from_dict(document, 'test')
@@ -72,7 +72,7 @@ def test_one_cluster_of_all_goals_is_the_optimum(document):
     np.testing.assert_allclose(bound, exact, rtol=0, atol=1e-6 * max(1.0, exact.max()))
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(missions([(1, 2), (2, 1)], [1]))
 def test_one_cluster_against_the_reference_model(document):
     reference = solve(BruteForce(document))

@@ -35,13 +35,13 @@ def test_every_q_of_the_case_study_with_one_goal(goal, feasibility):
     assert_same_q(case_study(goal, feasibility=feasibility))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(missions(SMALL, [1]))
 def test_every_q_of_any_mission_with_one_goal(document):
     assert_same_q(document)
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(missions(TWO_CELLS, [2]))
 def test_every_q_of_any_small_mission_with_two_goals(document):
     assert_same_q(document)
@@ -67,14 +67,14 @@ def test_bellman_equation_of_the_whole_case_study():
     assert_bellman(document, policy, pick_states(policy.space, 60))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(missions(LARGE, [2, 3]), st.integers(0, 2**32 - 1))
 def test_bellman_equation_of_any_larger_mission(document, seed):
     policy = exact(document)
     assert_bellman(document, policy, pick_states(policy.space, 4, seed))
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(missions(SMALL, [1]))
 def test_reference_probabilities_sum_to_one(document):
     _, rows, _ = matrices(BruteForce(document))

@@ -45,7 +45,7 @@ def test_bounds_of_the_case_study_hold_everywhere(expansion):
     assert abs(certificate.gap - gap) < 5 * certificate.gap_error < 0.01
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(
     missions([(1, 2), (2, 2)], [1, 2]), st.sampled_from(['expansion', 'split', 'highest_priority'])
 )

@@ -64,7 +64,7 @@ def test_measures_of_the_case_study():
     assert MEASURES.coupling[0, 1] == pytest.approx(math.sqrt(12 / 15) * (1 + math.sqrt(0.5)) / 2)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(any_mission, st.data())
 def test_measures_are_between_0_and_1(document, data):
     mission = mission_from_dict(document, 'test')
@@ -122,7 +122,7 @@ def test_blocks_of_the_case_study(kind, max_states, types, sizes):
     assert plan.regions == tuple((part.cells, part.faults) for part in plan.parts)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(1, 6), st.integers(1, 6), st.integers(1, 36))
 def test_regions_are_contiguous_and_as_few_as_fit(rows, cols, room):
     grid = {'rows': rows, 'cols': cols, 'base': 0, 'service': 0}
@@ -181,7 +181,7 @@ def test_weights_rank_the_parts(weights, measure):
     assert scores[0] > scores[-1]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(any_mission, kinds, st.integers(100, 10**6), st.sampled_from([0.1, 0.4, 1.0]), st.data())
 def test_plans_of_any_mission(document, kind, max_states, overlap, data):
     mission = mission_from_dict(document, 'test')
@@ -214,7 +214,7 @@ def test_plans_of_any_mission(document, kind, max_states, overlap, data):
                 dataclasses.replace(plan, parts=rest)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(any_mission, kinds, st.integers(1000, 10**6), st.randoms(use_true_random=False))
 def test_relabelled_goals_permute_the_plan(document, kind, max_states, random):
     order = list(range(len(document['goals'])))
@@ -245,7 +245,7 @@ def test_relabelled_goals_permute_the_plan(document, kind, max_states, random):
     assert closest[0] == tuple(tuple(sorted(order[j] for j in pair)) for pair in closest[1])
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(any_mission, st.integers(1, 3))
 def test_closest_clusters_come_first(document, n):
     measures = Measures(mission_from_dict(document, 'test'))
@@ -343,7 +343,7 @@ def test_plans_in_json():
     }
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(any_mission, kinds, st.integers(1000, 10**6))
 def test_plans_are_restored_from_json(document, kind, max_states):
     mission = mission_from_dict(document, 'test')

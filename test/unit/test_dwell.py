@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from uav_mission_manager import build_policy, load_mission
@@ -215,7 +215,6 @@ STEPS = st.lists(
 )
 
 
-@settings(deadline=None)
 @given(steps=STEPS)
 def test_what_is_commanded_is_always_allowed_and_late_by_the_dwell_at_most(
     policy: Policy, steps: list[tuple[int, str, tuple[int, ...], float]]

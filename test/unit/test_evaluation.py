@@ -53,13 +53,13 @@ def assert_exact(document, numbers, tolerance=1e-7):
     assert -evaluation.lower == evaluation.upper <= tolerance + slack
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(missions([(1, 2), (2, 2)], [1]), st.integers(0, 99))
 def test_any_policy_of_any_mission(document, seed):
     assert_exact(document, any_action(whole(document), seed))
 
 
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=3)
 @given(missions([(1, 1)], [2]), st.integers(0, 99))
 def test_any_policy_of_two_goals(document, seed):
     assert_exact(document, any_action(whole(document), seed))

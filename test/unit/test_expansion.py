@@ -73,7 +73,7 @@ def test_of_all_goals_in_fine_it_is_exact(feasibility):
     assert (q[np.arange(len(q)), choose(found) - 1] <= 1.001 * q.min(axis=1)).all()
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(missions([(1, 1), (1, 3), (2, 2)], [1, 2]))
 def test_of_all_goals_in_fine_it_is_exact_in_any_mission(document):
     mission, states, q = optimum(document)
@@ -154,7 +154,7 @@ def test_design_of_many_goals_follows_them_when_they_are_relabelled():
     assert np.array_equal(first[:, order], second)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(missions([(2, 2)], [3]))
 def test_expected_features_are_those_of_the_successors(document):
     mission = mission_from_dict(document, 'test')
@@ -207,7 +207,7 @@ def test_clusters_keep_to_the_most_states(order, limit, groups):
     assert Basis(reduced_mission(mission), clusters).size == clusters.features
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(1, 12), st.integers(1, 3), st.integers(4608, 10**6))
 def test_a_plan_of_clusters_never_exceeds_its_limits(k, order, max_states):
     mission = many_goals(k)

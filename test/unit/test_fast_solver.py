@@ -61,7 +61,7 @@ def test_blocks_and_threads_change_no_bit(monkeypatch, document, block, dtype):
     assert np.array_equal(blocked.greedy(), reference.greedy())
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(missions([(1, 2), (2, 2)], [1]))
 def test_greedy_actions_and_one_state_backups_of_any_mission(document):
     sub = whole(document)
@@ -79,7 +79,7 @@ def test_greedy_actions_and_one_state_backups_of_any_mission(document):
     np.testing.assert_allclose(sums.q_values(some), q[space.index(some)], rtol=1e-10, atol=1e-10)
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(missions([(1, 2)], [2]))
 def test_small_missions_of_two_goals(document):
     reference = solve(BruteForce(document))

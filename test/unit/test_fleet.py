@@ -333,7 +333,7 @@ def test_fleets_that_cannot_be():
 # Optimal assignment
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(1, 4), st.integers(1, 4), st.data())
 def test_matching_is_the_best_of_all(agents, goals, data):
     gains = np.array(
@@ -502,7 +502,7 @@ def changes_of(document, other):
                 yield {**document, 'goals': goals}
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(missions([(2, 2)], [2]), missions([(2, 2)], [2]), st.data())
 def test_replanning_equals_planning_afresh(document, other, data):
     changed = data.draw(st.sampled_from(list(changes_of(document, other))))
@@ -537,7 +537,7 @@ def plain_cost(document, fleet_, actions):
     return total
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(missions([(1, 1), (2, 3)], [1, 2]))
 def test_costs_of_any_mission(document):
     """Those of fleets; of one UAV, those of the reference model."""

@@ -472,7 +472,7 @@ STEPS = st.tuples(EVENTS, st.sampled_from((0.1, 0.1, 1.0, 2.6, 6.0)), st.boolean
 """What happens, for how long nothing more does, and whether the manager is killed before it."""
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(steps=st.lists(STEPS, min_size=5, max_size=40))
 def test_a_manager_made_anew_goes_on_as_if_nothing_had_happened(
     policy: Policy, steps: list[tuple[Callable[[Flight], object], float, bool]]

@@ -66,7 +66,7 @@ def test_loaded_is_saved(method, tmp_path):
     assert loaded.digest == json.loads((tmp_path / 'p' / 'manifest.json').read_text())['digest']
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(missions([(1, 1), (2, 3)], [1, 2]))
 def test_any_mission_comes_back_and_twice_the_same_bytes(tmp_path_factory, document):
     mission = mission_from_dict(document, 'test')

@@ -55,7 +55,7 @@ def reference_terms(model, state):
     ]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(missions([(1, 1), (1, 4), (3, 3)], [1, 2, 3]))
 def test_terms_of_any_mission(document):
     model, mission = BruteForce(document), mission_from_dict(document, 'test')
@@ -108,7 +108,7 @@ def chosen_by_recombination(subs, states):
     return highest_priority(subs, states, tables).min(axis=1)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(missions([(2, 2)], [3]))
 def test_reward_alone_is_the_rule_highest_priority(document):
     mission = mission_from_dict(document, 'test')

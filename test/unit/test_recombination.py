@@ -144,7 +144,7 @@ def test_sub_mdps_of_the_case_study(method, feasibility):
     assert_sub_mdps(case_study(feasibility=feasibility), method)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(missions([(1, 1), (1, 3), (2, 2)], [2, 3]))
 def test_sub_mdps_of_any_mission(document):
     assert_sub_mdps(document, 'best_value')
@@ -231,7 +231,7 @@ def test_goal_sub_mdps_give_no_bound(whole):
     assert not build_policy(mission, 'best_value').lower_bound(states[:1000]).any()
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(missions([(1, 2), (2, 2)], [2]))
 def test_split_bounds_the_optimum_of_any_mission(document):
     mission = mission_from_dict(document, 'test')

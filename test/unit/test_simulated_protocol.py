@@ -636,7 +636,7 @@ def test_reboot_forgets_the_streams_and_begins_at_time_0(peer):
 
 
 @given(data=st.lists(st.binary(max_size=80), max_size=5))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_garbage_does_no_harm(data):
     (peer,) = connect()
     for chunk in data:
@@ -657,7 +657,7 @@ FLOATS = st.floats(width=32) | st.sampled_from([0.0, 1.0, 4.0, 21196.0, -1.0, 3e
     mode=st.integers(0, 30),
     name=st.sampled_from(sorted(SIMULATED_PARAMETERS)),
 )
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_any_numbers_are_survived(number, params, x, frame, mode, name):
     (peer,) = connect(boot_seconds=0.1)
     peer.run(0.2)

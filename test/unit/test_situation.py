@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from uav_mission_manager import build_policy, load_mission
@@ -348,7 +348,6 @@ EVENTS = st.one_of(
 )
 
 
-@settings(deadline=None)
 @given(events=st.lists(EVENTS, max_size=30))
 def test_no_sequence_of_inputs_leaves_the_state_space(
     policy: Policy,

@@ -75,7 +75,7 @@ def test_the_greedy_policy_loses_no_more_than_its_bound(one_goal, sweeps):
     assert sweeps > 1 or loss.max() > 1e-3  # After one sweep the policy is not optimal yet.
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(missions([(1, 2), (2, 2)], [1]))
 def test_bounds_of_any_mission(document):
     mission = mission_from_dict(document, 'test')

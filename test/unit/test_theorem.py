@@ -109,7 +109,7 @@ def sub_mdps(draw):
     return mdps
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(sub_mdps())
 def test_under_its_conditions_the_theorem_holds(mdps):
     policies, values = zip(*map(enumerated, mdps))
@@ -129,7 +129,7 @@ def under_threat(mdp, threat, prices):
     return Mdp(cost.reshape(size, actions), transitions.reshape(size, actions, size), mdp.discount)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(sub_mdps(), st.floats(0.0, 1.0), st.tuples(weights, weights))
 def test_a_shared_state_that_no_action_moves_does_no_harm(mdps, share, prices):
     """It breaks conditions 1, 3 and 5: the theorem asks for more than it needs."""
