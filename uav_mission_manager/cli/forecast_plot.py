@@ -1,0 +1,170 @@
+"""A forecast as a picture: goals done over time, and what it takes."""
+
+from __future__ import annotations
+
+import math
+import os
+import tempfile
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uav_mission_manager.echo import shown
+from uav_mission_manager.mdp.epoch import SECONDS_PER_MINUTE
+from uav_mission_manager.solver.evaluation.flights import Flights
+from uav_mission_manager.solver.evaluation.forecast import (
+    FORECAST_MINUTES,
+    WITHIN_MINUTES,
+    epoch_length,
+    epochs_within,
+    forecast,
+)
+from uav_mission_manager.solver.evaluation.intervals import proportion_of
+
+MOST_POINTS = 200
+"""Points of a curve, at most: a choice, more are not seen."""
+
+LINES = {'-': 'solid', '--': 'dashed'}
+"""Lines of the first policy and the second, and what they are called."""
+
+GREYS = ('0.5', '0.8')
+"""Their bars."""
+
+HARDLY = 0.01
+"""Share of flights that a curve may still gain after its last minute: a choice."""
+
+MOST_ENTRIES = 12
+"""Entries of a column of the legend."""
+
+BARS = {'recharges': 'recharges', 'repairs': 'repairs\n(tries)', 'agile_minutes': 'agile\n[min]'}
+"""What the small panel shows of `Forecast.means`, and its labels."""
+
+
+def require_plotting(file: Path) -> None:
+    """Refuse a picture that cannot be drawn, before the work.
+
+    Raises
+    ------
+    ValueError
+        If Matplotlib is missing or does not know the file's format.
+    OSError
+        If there is no folder for the file.
+    """
+    formats = _matplotlib('figure').Figure().canvas.get_supported_filetypes()
+    if file.suffix.removeprefix('.').lower() not in formats:
+        known = ', '.join(f'.{name}' for name in sorted(formats))
+        raise ValueError(f'--plot: {shown(file)} ends in none of {known}')
+    if not file.parent.is_dir():
+        raise FileNotFoundError(f'--plot: there is no folder {shown(file.parent)}')
+
+
+def draw_forecast(runs: Sequence[Flights], names: Sequence[str], file: Path) -> None:
+    """Draw one or two policies' flights; the file is there whole or not at all.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    figure = _matplotlib('figure').Figure(figsize=(9.0, 4.5), layout='constrained')
+    curves, bars = figure.subplots(1, 2, width_ratios=(2.4, 1.0))
+    _draw_curves(curves, runs)
+    _draw_bars(bars, runs)
+    count = f'{len(runs[0].costs):,} simulated flights, 95 % intervals'
+    figure.suptitle(f'{runs[0].mission.name}: {count}', fontsize=11, parse_math=False)
+    if len(runs) > 1:
+        labels = [f'{name} ({style})' for name, style in zip(names, LINES.values())]
+        legend = figure.legend(
+            bars.containers[1::2], labels, loc='outside lower center', ncols=2, fontsize=8
+        )
+        _as_they_are(legend.get_texts())
+    descriptor, scratch = tempfile.mkstemp(suffix=file.suffix, dir=file.parent)
+    os.close(descriptor)
+    try:
+        figure.savefig(scratch, dpi=150)
+        os.chmod(scratch, 0o644)
+        os.replace(scratch, file)
+    except BaseException:
+        os.unlink(scratch)
+        raise
+
+
+def _matplotlib(module: str) -> Any:
+    try:
+        return import_module(f'matplotlib.{module}')
+    except ImportError:
+        raise ValueError(
+            "--plot needs the Python package matplotlib: pip install 'uav_mission_manager[plot]'"
+        ) from None
+
+
+def _draw_curves(axes: Any, runs: Sequence[Flights]) -> None:
+    """Share of flights in which each goal is done, over time, with its interval."""
+    colours = list(_matplotlib('colors').TABLEAU_COLORS.values())
+    for run, style in zip(runs, LINES):
+        epochs = np.unique(np.linspace(0, run.epochs, MOST_POINTS + 1).astype(int))
+        minutes = epochs * (epoch_length(run.mission) / SECONDS_PER_MINUTE)
+        for j, goal in enumerate(run.mission.goals):
+            done = np.sort(run.done[run.done[:, j] > 0, j])
+            counts = np.searchsorted(done, epochs, side='right')
+            found = [proportion_of(int(count), len(run.done)) for count in counts]
+            low, value, high = (
+                [100 * getattr(p, bound) for p in found] for bound in ('low', 'value', 'high')
+            )
+            colour, label = colours[j % len(colours)], f'{goal.name}, {value[-1]:.1f} %'
+            axes.fill_between(minutes, low, high, step='post', color=colour, alpha=0.25, lw=0)
+            axes.step(minutes, value, where='post', color=colour, ls=style, lw=1.5, label=label)
+    for limit in WITHIN_MINUTES[:-1]:
+        axes.axvline(limit, color='0.6', lw=0.8, ls=':')
+    end = _end_of_interest(runs)
+    axes.set(xlim=(0, end), ylim=(0, 101), xlabel='time [min]', ylabel='done [%]')
+    axes.grid(alpha=0.25)
+    legend = axes.legend(
+        loc='lower right',
+        fontsize=8,
+        title=f'in {FORECAST_MINUTES} minutes',
+        title_fontsize=8,
+        ncols=math.ceil(len(axes.lines) / MOST_ENTRIES),
+    )
+    _as_they_are(legend.get_texts())
+
+
+def _end_of_interest(runs: Sequence[Flights]) -> int:
+    """The least of `WITHIN_MINUTES` after which hardly a goal is done for the first time [min]."""
+    for limit in WITHIN_MINUTES:
+        late = [(run.done > epochs_within(run.mission, limit)).mean(axis=0).max() for run in runs]
+        if max(late) <= HARDLY:
+            return limit
+    return FORECAST_MINUTES
+
+
+def _draw_bars(axes: Any, runs: Sequence[Flights]) -> None:
+    """Means over the flights with their intervals."""
+    height, rows = 0.8 / len(runs), np.arange(len(BARS))
+    for position, run in enumerate(runs):
+        means = [forecast(run).means[key] for key in BARS]
+        values = [found.value for found in means]
+        reach = [[m.value - m.low for m in means], [m.high - m.value for m in means]]
+        bars = axes.barh(
+            rows + (position - (len(runs) - 1) / 2) * height,
+            values,
+            0.9 * height,
+            xerr=reach,
+            color=GREYS[position],
+            error_kw={'capsize': 3, 'lw': 1},
+        )
+        axes.bar_label(bars, [f'{value:.2f}' for value in values], padding=6, fontsize=8)
+    axes.set_yticks(rows, BARS.values())
+    axes.invert_yaxis()
+    axes.margins(x=0.25)
+    axes.set_xlabel(f'mean in {FORECAST_MINUTES} minutes')
+    axes.spines[['top', 'right']].set_visible(False)
+
+
+def _as_they_are(texts: Sequence[Any]) -> None:
+    """Names may have dollar signs, which are no formulas."""
+    for text in texts:
+        text.set_parse_math(False)
