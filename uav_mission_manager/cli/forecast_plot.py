@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import tempfile
 from collections.abc import Sequence
 from importlib import import_module
@@ -53,6 +52,7 @@ def require_plotting(file: Path) -> None:
     OSError
         If there is no folder for the file.
     """
+    # Which formats there are depends on the libraries that Matplotlib finds.
     formats = _matplotlib('figure').Figure().canvas.get_supported_filetypes()
     if file.suffix.removeprefix('.').lower() not in formats:
         known = ', '.join(f'.{name}' for name in sorted(formats))
@@ -81,15 +81,10 @@ def draw_forecast(runs: Sequence[Flights], names: Sequence[str], file: Path) -> 
             bars.containers[1::2], labels, loc='outside lower center', ncols=2, fontsize=8
         )
         _as_they_are(legend.get_texts())
-    descriptor, scratch = tempfile.mkstemp(suffix=file.suffix, dir=file.parent)
-    os.close(descriptor)
-    try:
+    with tempfile.TemporaryDirectory(dir=file.parent) as folder:
+        scratch = Path(folder, f'picture{file.suffix}')
         figure.savefig(scratch, dpi=150)
-        os.chmod(scratch, 0o644)
-        os.replace(scratch, file)
-    except BaseException:
-        os.unlink(scratch)
-        raise
+        scratch.replace(file)
 
 
 def _matplotlib(module: str) -> Any:

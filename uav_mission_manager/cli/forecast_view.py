@@ -15,7 +15,7 @@ from uav_mission_manager.echo import shown
 WIDTH = 80
 """Columns where the output is not a terminal."""
 
-MEANS = {
+MEAN_NAMES = {
     'recharges': 'recharges',
     'repairs': 'repairs (tries)',
     'agile_minutes': 'time in agile mode [min]',
@@ -24,10 +24,10 @@ MEANS = {
 }
 """What `means` of a forecast are called."""
 
-EVENTS = {
-    'actuator_failed': 'an actuator fails [%]',
-    'no_goal_possible': 'a fault in which no goal can be done [%]',
-    'full_charge_drawn': 'a full charge drawn before a recharge [%]',
+EVENT_NAMES = {
+    'actuator_failed': 'actuator failed [%]',
+    'no_goal_possible': 'no goal possible [%]',
+    'full_charge_drawn': 'full charge drawn [%]',
 }
 """What `events` of a forecast are called."""
 
@@ -101,11 +101,11 @@ def _quantity_table(found: dict[str, Any], minutes: int) -> Table:
 
 def _quantities(found: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
     """All that is not of a goal: its name and interval."""
-    for key, name in MEANS.items():
+    for key, name in MEAN_NAMES.items():
         yield name, found['means'][key]
-    for key, name in EVENTS.items():
+    for key, name in EVENT_NAMES.items():
         yield name, _scaled(found['events'][key])
-    yield 'discounted cost, of the whole future', found['cost']
+    yield 'discounted cost, in all', found['cost']
 
 
 def _comparison_table(answer: dict[str, Any]) -> Table:

@@ -42,12 +42,13 @@ FEWEST_EPISODES, MOST_EPISODES = 10, 1_000_000
 """Fewer say nothing, more take too much memory: a choice."""
 
 NOT_MODELLED = (
-    'charge: the battery is one range flag for each goal, lost by chance in flight; "full charge '
-    'drawn" compares the time in the air with the capacity, which the policy does not see',
-    'loss of control: parts fail, but the vehicle always flies on; an actuator that failed and a '
-    'fault mode in which no goal can be completed are the nearest to it',
-    'turn-around: a recharge or a repair takes one epoch, take-off and landing none, and power is '
-    'the same in agile mode; wind and other traffic are not in it',
+    'charge: the battery is one range flag for each goal, lost by chance in flight; whether a '
+    'full charge is drawn before a recharge follows from the time in the air, which the policy '
+    'does not see',
+    'loss of control: parts fail, but the vehicle always flies on; the nearest to it are a failed '
+    'actuator and faults in which no goal is possible',
+    'turn-around: a recharge or a repair takes one epoch, take-off and landing none; agile flight '
+    'takes no more power, and there is no wind',
     'the base station: it withdraws and asks for goals by the chances in the mission file',
 )
 """What the numbers are silent about."""
@@ -57,7 +58,7 @@ def main(args: list[str] | None = None) -> int:
     """Run the command."""
     with one_line_errors('mission_simulate'):
         options = _parser().parse_args(args)
-        if options.plot:
+        if options.plot is not None:
             require_plotting(Path(options.plot))
         _simulate(options)
         return 0
@@ -117,7 +118,7 @@ def _whole_number(low: int, high: int) -> Callable[[str], int]:
 
 
 def _simulate(options: argparse.Namespace) -> None:
-    names = [options.policy, *([options.compare] if options.compare else [])]
+    names = [name for name in (options.policy, options.compare) if name is not None]
     policies = [load_policy(name) for name in names]
     mission = policies[0].mission
     _check_comparable(names, policies)
@@ -133,7 +134,7 @@ def _simulate(options: argparse.Namespace) -> None:
         with _progress(name) as tick:
             runs.append(fly(mission, policy.act, rows, epochs, rng, tick))
     answer = _answer(options, names, policies, start, runs)
-    if options.plot:
+    if options.plot is not None:
         draw_forecast(runs, [shown(name, 40) for name in names], Path(options.plot))
     if options.json:
         print(json.dumps(answer, allow_nan=False))

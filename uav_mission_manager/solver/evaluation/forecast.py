@@ -158,8 +158,8 @@ def _forecast(runs: tuple[Flights, ...], share: Statistic, average: Statistic) -
     cost = over(average, _costs)
     return Forecast(
         goals=goals,
-        means={name: over(average, measure) for name, measure in MEANS.items()},
-        events={name: over(share, measure) for name, measure in EVENTS.items()},
+        means={name: over(average, measure) for name, measure in MEASURED_MEANS.items()},
+        events={name: over(share, measure) for name, measure in MEASURED_EVENTS.items()},
         cost=Interval(
             cost.value,
             cost.low - (runs[0].cost_left if runs[1:] else 0.0),
@@ -230,7 +230,7 @@ def _full_charge_drawn(flights: Flights) -> BoolArray:
     return np.asarray(flights.longest_flight * _epoch_energy(flights.mission) > full)
 
 
-MEANS: dict[str, Callable[[Flights], AnyArray]] = {
+MEASURED_MEANS: dict[str, Callable[[Flights], AnyArray]] = {
     'recharges': lambda flights: flights.regime_epochs[:, Regime.RECHARGED],
     'repairs': lambda flights: flights.regime_epochs[:, Regime.REPAIRED],
     'agile_minutes': lambda flights: _minutes_of(
@@ -241,7 +241,7 @@ MEANS: dict[str, Callable[[Flights], AnyArray]] = {
 }
 """What is counted in each flight, by its name in `Forecast.means`."""
 
-EVENTS: dict[str, Callable[[Flights], BoolArray]] = {
+MEASURED_EVENTS: dict[str, Callable[[Flights], BoolArray]] = {
     'actuator_failed': _actuator_failed,
     'no_goal_possible': _no_goal_possible,
     'full_charge_drawn': _full_charge_drawn,
