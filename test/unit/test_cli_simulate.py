@@ -128,6 +128,18 @@ def test_comparison(sets, capsys):
     assert float(low) == pytest.approx(gained['cost']['low'], rel=0.05)
 
 
+def test_long_names_fit_too(tmp_path, capsys):
+    document = lively()
+    document['goals'][0]['name'] = 'x' * 100
+    build_policy(mission_from_dict(document, 'test'), 'split').save(tmp_path / 'p')
+    for compare in ([], ['--compare', tmp_path / 'p']):
+        shown = output([tmp_path / 'p', *compare, *FEW], capsys)
+        assert shown.count('x') >= 100
+        tables = shown.partition('Not in the model')[0].replace(str(tmp_path), '')
+        assert max(map(len, tables.splitlines())) <= 80
+        assert '\u2026' not in shown
+
+
 def test_a_policy_of_other_numbers_is_flown_in_the_first_mission(sets, capsys):
     arguments = [sets['exact'], '--compare', sets['weights'], *FEW]
     answer = json.loads(output([*arguments, '--json'], capsys))

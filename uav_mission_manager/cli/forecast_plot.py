@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import tempfile
 from collections.abc import Sequence
 from importlib import import_module
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from uav_mission_manager.echo import shown
+from uav_mission_manager.mdp.arrays import FloatArray
 from uav_mission_manager.mdp.epoch import SECONDS_PER_MINUTE
 from uav_mission_manager.solver.evaluation.flights import Flights
 from uav_mission_manager.solver.evaluation.forecast import (
@@ -21,7 +21,7 @@ from uav_mission_manager.solver.evaluation.forecast import (
     epochs_within,
     forecast,
 )
-from uav_mission_manager.solver.evaluation.intervals import proportion_of
+from uav_mission_manager.solver.evaluation.intervals import Interval, proportion_of
 
 MOST_POINTS = 200
 """Points of a curve, at most: a choice, more are not seen."""
@@ -32,11 +32,11 @@ LINES = {'-': 'solid', '--': 'dashed'}
 GREYS = ('0.5', '0.8')
 """Their bars."""
 
-HARDLY = 0.01
+HARDLY = 0.02
 """Share of flights that a curve may still gain after its last minute: a choice."""
 
-MOST_ENTRIES = 12
-"""Entries of a column of the legend."""
+LONGEST_NAME = 24
+"""Characters of a goal's name in the legend, at most."""
 
 BARS = {'recharges': 'recharges', 'repairs': 'repairs\n(tries)', 'agile_minutes': 'agile\n[min]'}
 """What the small panel shows of `Forecast.means`, and its labels."""
@@ -98,33 +98,34 @@ def _matplotlib(module: str) -> Any:
 
 def _draw_curves(axes: Any, runs: Sequence[Flights]) -> None:
     """Share of flights in which each goal is done, over time, with its interval."""
-    colours = list(_matplotlib('colors').TABLEAU_COLORS.values())
-    for run, style in zip(runs, LINES):
-        epochs = np.unique(np.linspace(0, run.epochs, MOST_POINTS + 1).astype(int))
-        minutes = epochs * (epoch_length(run.mission) / SECONDS_PER_MINUTE)
-        for j, goal in enumerate(run.mission.goals):
-            done = np.sort(run.done[run.done[:, j] > 0, j])
-            counts = np.searchsorted(done, epochs, side='right')
-            found = [proportion_of(int(count), len(run.done)) for count in counts]
+    palette = list(_matplotlib('colors').TABLEAU_COLORS.values())
+    for j, goal in enumerate(runs[0].mission.goals):
+        colour, last = palette[j % len(palette)], []
+        for run, style in zip(runs, LINES):
+            minutes, found = _curve(run, j)
             low, value, high = (
                 [100 * getattr(p, bound) for p in found] for bound in ('low', 'value', 'high')
             )
-            colour, label = colours[j % len(colours)], f'{goal.name}, {value[-1]:.1f} %'
             axes.fill_between(minutes, low, high, step='post', color=colour, alpha=0.25, lw=0)
-            axes.step(minutes, value, where='post', color=colour, ls=style, lw=1.5, label=label)
+            axes.step(minutes, value, where='post', color=colour, ls=style, lw=1.5)
+            last.append(f'{value[-1]:.1f}')
+        axes.lines[-len(runs)].set_label(f'{shown(goal.name, LONGEST_NAME)}, {" / ".join(last)} %')
     for limit in WITHIN_MINUTES[:-1]:
         axes.axvline(limit, color='0.6', lw=0.8, ls=':')
-    end = _end_of_interest(runs)
+    end, title = _end_of_interest(runs), f'done in {FORECAST_MINUTES} minutes'
     axes.set(xlim=(0, end), ylim=(0, 101), xlabel='time [min]', ylabel='done [%]')
     axes.grid(alpha=0.25)
-    legend = axes.legend(
-        loc='lower right',
-        fontsize=8,
-        title=f'in {FORECAST_MINUTES} minutes',
-        title_fontsize=8,
-        ncols=math.ceil(len(axes.lines) / MOST_ENTRIES),
-    )
+    legend = axes.legend(loc='lower right', fontsize=8, title=title, title_fontsize=8)
     _as_they_are(legend.get_texts())
+
+
+def _curve(run: Flights, goal: int) -> tuple[FloatArray, list[Interval]]:
+    """Times [min], and the probability that a goal is done by each of them."""
+    epochs = np.unique(np.linspace(0, run.epochs, MOST_POINTS + 1).astype(int))
+    done = run.done[:, goal]
+    counts = np.searchsorted(np.sort(done[done > 0]), epochs, side='right')
+    found = [proportion_of(int(count), len(done)) for count in counts]
+    return epochs * (epoch_length(run.mission) / SECONDS_PER_MINUTE), found
 
 
 def _end_of_interest(runs: Sequence[Flights]) -> int:

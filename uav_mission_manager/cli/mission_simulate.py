@@ -68,7 +68,7 @@ def _parser() -> CommandParser:
     parser = CommandParser(
         prog='mission_simulate',
         description=f'Forecast {FORECAST_MINUTES} minutes of flying a policy by simulation: when '
-        'goals are done, recharges, repairs, energy, faults, with 95 %% confidence intervals.',
+        'goals are done, recharges, repairs, energy, faults, with 95 % confidence intervals.',
     )
     parser.add_argument('policy', help='directory of the policy set')
     parser.add_argument(

@@ -140,9 +140,7 @@ def minutes_until_done(flights: Flights) -> FloatArray:
 def _forecast(runs: tuple[Flights, ...], share: Statistic, average: Statistic) -> Forecast:
     """Apply statistics of one or two samples to all that is measured."""
 
-    def over(
-        statistic: Callable[..., Interval], measure: Callable[..., Any], *of: int
-    ) -> Interval:
+    def over(statistic: Statistic, measure: Callable[..., Any], *of: int) -> Interval:
         return statistic(*(measure(run, *of) for run in runs))
 
     goals = tuple(
