@@ -60,6 +60,13 @@ def leaves(value):
             yield from leaves(entry)
 
 
+def test_help():
+    result = run('mission_simulate', '--help')
+    assert (result.returncode, result.stderr) == (0, '')
+    assert result.stdout.startswith('usage: mission_simulate ')
+    assert '%%' not in result.stdout
+
+
 def test_case_study_in_a_process():
     result = run('mission_simulate', SHIPPED, *FEW)
     assert (result.returncode, result.stderr) == (0, '')
