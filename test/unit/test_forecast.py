@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from brute_force import BruteForce, matrices
 from hypothesis import HealthCheck, given, settings
-from strategies import CASE_STUDY, lively, missions
+from strategies import CASE_STUDY, PARTS, case_study, lively, missions
 
 from uav_mission_manager import build_policy, load_mission, load_policy
 from uav_mission_manager.mdp import mission_from_dict
@@ -253,6 +253,29 @@ def test_intervals_cover_as_often_as_they_say(chain):
     minutes = [found.goals[0].median_minutes for found in many]
     covered = [m.low - ROUNDING <= median <= m.high + ROUNDING for m in minutes]
     assert np.mean(covered) > least
+
+
+def test_without_chance_it_is_told_to_the_epoch():
+    """Two steps to cell 5 and one epoch on it, two steps back: 10 s each, at 250 W."""
+    document = case_study(1, priority_transition=np.eye(3).tolist())
+    document['faults']['rate'] = dict.fromkeys(PARTS, 0.0)
+    document['range']['loss'] = {'normal': 0.0, 'agile': 0.0}
+    document['threat'] |= {'onset': 0.0, 'zones': {}}
+    policy = build_policy(mission_from_dict(document, 'test'), 'exact')
+    rows = np.tile(START, (10, 1))
+    found = forecast(fly(policy.mission, policy.act, rows, EPOCHS, np.random.default_rng(0)))
+    [goal] = found.goals
+    for interval, value in (
+        (goal.minutes, 0.5),
+        (goal.median_minutes, 0.5),
+        (found.means['air_minutes'], 5 / 6),
+        (found.means['energy_wh'], 50 * 250 / 3600),
+        (found.means['recharges'], 0),
+        (found.means['agile_minutes'], 0),
+    ):
+        assert (interval.low, interval.value, interval.high) == pytest.approx([value] * 3)
+    assert goal.done_within[5].value == 1
+    assert goal.withdrawn.value == found.events['full_charge_drawn'].value == 0
 
 
 def test_a_policy_does_not_differ_from_itself(chain):
