@@ -92,7 +92,7 @@ def _matplotlib(module: str) -> Any:
         return import_module(f'matplotlib.{module}')
     except ImportError:
         raise ValueError(
-            "--plot needs the Python package matplotlib: pip install 'uav_mission_manager[plot]'"
+            '--plot needs the Python package matplotlib: pip install matplotlib'
         ) from None
 
 
