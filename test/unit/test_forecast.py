@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from brute_force import BruteForce, matrices
-from hypothesis import HealthCheck, given, settings
-from strategies import CASE_STUDY, PARTS, case_study, lively, missions
+from strategies import CASE_STUDY, PARTS, case_study, lively
 
 from uav_mission_manager import build_policy, load_mission, load_policy
 from uav_mission_manager.mdp import mission_from_dict
@@ -65,17 +64,17 @@ def test_cost_agrees_with_exact_evaluation(name):
     assert_cost_agrees(policy, start)
 
 
-@settings(
-    max_examples=10,
-    derandomize=True,
-    deadline=None,
-    suppress_health_check=[HealthCheck.too_slow],
-)
-@given(missions([(1, 3), (2, 2)], [1, 2]))
-def test_cost_agrees_in_random_missions(document):
+@pytest.mark.parametrize('seed', range(5))
+def test_cost_agrees_in_random_missions(seed):
+    """No chance in them is so rare that a thousand flights may not show it."""
+    rng = np.random.default_rng(seed)
+    document = lively(discount=rng.uniform(0.5, 0.95), distance_weight=rng.uniform(0, 9))
+    document['priority_transition'] = rng.dirichlet((1, 1, 1), 3).tolist()
+    document['faults']['completion'] = rng.uniform(0.1, 1, 8).tolist()
+    document['faults']['cost'] = rng.uniform(0, 20, 8).tolist()
     mission = mission_from_dict(document, 'test')
-    start = starts_at_base(mission, 1, np.random.default_rng(0))
-    assert_cost_agrees(build_policy(mission, 'exact'), start, episodes=1000)
+    start = starts_at_base(mission, 1, rng)
+    assert_cost_agrees(build_policy(mission, 'exact'), start)
 
 
 FULL = 30
