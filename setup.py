@@ -11,6 +11,7 @@ NAME = 'uav_mission_manager'
 COMMANDS = {
     'policy_build': 'cli.policy_build',
     'policy_query': 'cli.policy_query',
+    'mission_simulate': 'cli.mission_simulate',
     'demo': 'cli.demo',
     'manager': 'nodes.manager',
     'solver': 'nodes.solver',
@@ -65,6 +66,7 @@ setup(
         'test': requirements('-dev'),
         'ros': requirements('-ros-wheels'),  # The nodes, where no ROS is sourced.
         'cluster': requirements('-cluster'),  # policy_build --scheduler.
+        'plot': requirements('-plot'),  # mission_simulate --plot.
     },
     entry_points={
         'console_scripts': [

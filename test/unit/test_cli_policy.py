@@ -56,7 +56,13 @@ def test_help_and_usage(command):
     assert (wrong.returncode, wrong.stdout) == (2, '')
 
 
-ARGPARSED = ['cli.policy_build', 'cli.policy_query', 'cli.demo', 'autopilot.sim_autopilot']
+ARGPARSED = [
+    'cli.policy_build',
+    'cli.policy_query',
+    'cli.mission_simulate',
+    'cli.demo',
+    'autopilot.sim_autopilot',
+]
 
 
 @pytest.mark.parametrize('module', ARGPARSED)

@@ -141,7 +141,13 @@ def test_every_command_says_the_version(command, capsys):
 
 @pytest.mark.parametrize(
     ('extra', 'which'),
-    [('', ''), ('test', '-dev'), ('ros', '-ros-wheels'), ('cluster', '-cluster')],
+    [
+        ('', ''),
+        ('test', '-dev'),
+        ('ros', '-ros-wheels'),
+        ('cluster', '-cluster'),
+        ('plot', '-plot'),
+    ],
 )
 def test_pip_installs_what_a_requirements_file_names(metadata, extra, which):
     marked = [line.replace("'", '"').partition(';') for line in metadata.requires]

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from uav_mission_manager.cli.errors import CommandParser, one_line_errors
-from uav_mission_manager.echo import quoted
+from uav_mission_manager.cli.state_argument import STATE_FORM, parse_state
 from uav_mission_manager.mdp import action_name, global_actions
 from uav_mission_manager.policy import Policy, load_policy
 
@@ -22,7 +22,7 @@ def main(args: list[str] | None = None) -> int:
     with one_line_errors('policy_query'):
         options = _parser().parse_args(args)
         policy = load_policy(options.policy)
-        answer = _answer(policy, _parse_state(options.state))
+        answer = _answer(policy, parse_state('--state', options.state))
         if options.json:
             print(json.dumps(answer, allow_nan=False))
         else:
@@ -38,17 +38,10 @@ def _parser() -> CommandParser:
     parser.add_argument(
         '--state',
         required=True,
-        help='f, r and g of each goal, l, c, t, m; for three goals "1,1,0,1,0,2,1,1,0,2,1"',
+        help=STATE_FORM,
     )
     parser.add_argument('--json', action='store_true', help='print JSON')
     return parser
-
-
-def _parse_state(text: str) -> list[int]:
-    try:
-        return [int(part) for part in text.replace(',', ' ').split()]
-    except ValueError:
-        raise ValueError(f'--state: {quoted(text)} is not a list of whole numbers') from None
 
 
 def _answer(policy: Policy, state: list[int]) -> dict[str, Any]:

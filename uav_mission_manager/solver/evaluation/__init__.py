@@ -1,4 +1,4 @@
-"""What a policy costs: exactly, or by simulation."""
+"""What a policy costs, exactly or by simulation, and what happens when it is flown."""
 
 from uav_mission_manager.solver.evaluation.fleet_simulation import simulate_fleets
 from uav_mission_manager.solver.evaluation.occupancy import flown_states, starts_at_base

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -66,6 +67,27 @@ class Estimate:
     horizon: int
 
 
+class Transition(NamedTuple):
+    """One epoch of N episodes.
+
+    Attributes
+    ----------
+    states : int array (N, 2k+5)
+        Before it.
+    actions : int array (N,)
+        Action numbers.
+    completed : bool array (N, k)
+        The goals that the UAV completes in it.
+    after : int array (N, 2k+5)
+        The next states.
+    """
+
+    states: IntArray
+    actions: IntArray
+    completed: BoolArray
+    after: IntArray
+
+
 class Simulator:
     """One epoch of a mission for many independent UAVs.
 
@@ -107,10 +129,16 @@ class Simulator:
 
     def step(self, states: IntArray, actions: IntArray, rng: np.random.Generator) -> IntArray:
         """Draw the next states, shape (N, 2k+5)."""
+        return self.transition(states, actions, rng).after
+
+    def transition(
+        self, states: IntArray, actions: IntArray, rng: np.random.Generator
+    ) -> Transition:
+        """Draw the next states and say what was completed."""
         after, completed = self.act(states, actions, rng)
         g = self.space.split(after).g
         g[:] = self.priorities(g, completed, rng)
-        return after
+        return Transition(states, actions, completed, after)
 
     def act(
         self, states: IntArray, actions: IntArray, rng: np.random.Generator
@@ -150,6 +178,7 @@ def simulate(
     epochs: int,
     rng: np.random.Generator,
     control: ControlVariate | None = None,
+    watch: Callable[[Transition], None] | None = None,
 ) -> tuple[FloatArray, IntArray]:
     """Fly one episode from each start state.
 
@@ -163,6 +192,8 @@ def simulate(
     epochs : int
     rng : numpy.random.Generator
     control : ControlVariate, optional
+    watch : callable, optional
+        Is shown every epoch.
 
     Returns
     -------
@@ -192,9 +223,22 @@ def simulate(
         else:
             chosen = q[np.arange(len(states)), actions - 1]
             samples += weight * (chosen - control.values(states))
-        states = simulator.step(states, actions, rng)
+        epoch = simulator.transition(states, actions, rng)
+        if watch is not None:
+            watch(epoch)
+        states = epoch.after
         weight *= mission.discount
     return samples, states
+
+
+def cost_horizon(mission: Mission, truncation: float) -> int:
+    """Return the least number of epochs T with discount^T <= truncation."""
+    return math.ceil(math.log(truncation) / math.log(mission.discount))
+
+
+def most_cost_after(mission: Mission, epochs: int) -> float:
+    """Bound from above on the discounted costs after some epochs; they are nowhere below 0."""
+    return mission.discount**epochs * largest_stage_cost(mission) / (1 - mission.discount)
 
 
 def estimate(
@@ -238,11 +282,10 @@ def estimate(
             f'truncation {truncation} and confidence {confidence} must be between 0 and 1'
         )
     rows = np.repeat(np.atleast_2d(np.asarray(start)), episodes, axis=0)
-    horizon = math.ceil(math.log(truncation) / math.log(mission.discount))
+    horizon = cost_horizon(mission, truncation)
     samples, states = simulate(mission, act, rows, horizon, rng, control)
-    weight = mission.discount**horizon
-    most = weight * largest_stage_cost(mission) / (1 - mission.discount)
-    held = 0.0 if control is None else weight * control.values(states)
+    most = most_cost_after(mission, horizon)
+    held = 0.0 if control is None else mission.discount**horizon * control.values(states)
     quantile = float(scipy.special.stdtrit(episodes - 1, (1 + confidence) / 2))
     mean, error = _mean(samples, episodes)
     least, least_error = _mean(samples - held, episodes)
