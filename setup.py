@@ -59,7 +59,7 @@ setup(
         *share_files(),
         *executables(),
     ],
-    package_data={NAME: ['py.typed']},
+    package_data={NAME: ['py.typed', 'nodes/loopback.xml']},
     zip_safe=False,  # Type checkers look for py.typed in a folder.
     install_requires=requirements(),
     extras_require={

@@ -34,6 +34,7 @@ from std_msgs.msg import String, UInt8MultiArray
 
 from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS
 from uav_mission_manager.nodes import qos
+from uav_mission_manager.nodes.transport import without_shared_memory
 from uav_mission_manager.policy import Policy, load_policy
 
 MOST = {50.0: 1.5, 99.0: 2.0}
@@ -230,6 +231,7 @@ def main() -> int:
 def _measure(options: argparse.Namespace) -> dict[str, np.ndarray]:
     """Times [s] of manager and echo, in turn."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    without_shared_memory()
     os.environ.setdefault('ROS_DOMAIN_ID', str(os.getpid() % 100 + 1))
     parameters = [word for name, value in MANAGER.items() for word in ('-p', f'{name}:={value}')]
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:

@@ -24,6 +24,7 @@ from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
 from uav_mission_manager.nodes.background import dying_with_parent
+from uav_mission_manager.nodes.transport import without_shared_memory
 
 ROOT = Path(__file__).resolve().parents[2]
 ONE_OF_A_KIND = 'nodes.manager', 'nodes.base_station', 'nodes.mavlink_bridge'
@@ -137,6 +138,7 @@ class Ros:
 
     def __init__(self, domain: int, folder: Path) -> None:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+        without_shared_memory()
         self.domain, self.folder = domain, folder
         self.processes: list[NodeProcess] = []
         self.context = Context()
@@ -261,14 +263,10 @@ class Ros:
         return self.call(f'{node}/set_parameters', request, SetParameters).results[0]
 
     def close(self) -> None:
-        """End this node and every process.
-
-        This node first: Fast DDS makes the shared memory anew in which a killed process was
-        writing, and a node that is destroyed meanwhile crashes.
-        """
+        """End every process and this node."""
+        for process in self.processes:
+            process.kill()
         # An executor that still waits for what a node is made of can crash its destruction.
         self.executor.shutdown()
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
-        for process in self.processes:
-            process.kill()

@@ -22,6 +22,7 @@ from uav_mission_manager.nodes.failures import START_ERRORS, FatalError, one_lin
 from uav_mission_manager.nodes.lifecycle import ManagedNode
 from uav_mission_manager.nodes.overrides import refuse_unknown
 from uav_mission_manager.nodes.parameters import NodeParameter
+from uav_mission_manager.nodes.transport import without_shared_memory
 
 MAX_DOMAIN = 232
 """Largest ROS_DOMAIN_ID: the ports of larger ones would be above 65535."""
@@ -100,6 +101,7 @@ def _start_ros(arguments: list[str]) -> None:
     if not any(os.environ.get(name) for name in ('ROS_LOG_DIR', 'ROS_HOME', 'HOME')):
         raise ValueError('no place for log files: none of HOME, ROS_HOME and ROS_LOG_DIR is set')
     set_logger_level('rcl', LoggingSeverity.FATAL)  # It repeats what it raises.
+    without_shared_memory()
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     set_logger_level('rcl', LoggingSeverity.UNSET)
 

@@ -24,6 +24,7 @@ from uav_mission_manager.cli.errors import CommandParser, one_line_errors, undis
 from uav_mission_manager.echo import quoted
 from uav_mission_manager.mdp import Mission, load_mission
 from uav_mission_manager.mdp.fields import positive
+from uav_mission_manager.nodes.transport import without_shared_memory
 from uav_mission_manager.paths import share_directory
 from uav_mission_manager.policy import build_policy
 
@@ -112,6 +113,7 @@ def _fly(
     mission_file.write_text(yaml.safe_dump(mission.to_dict()))
     build_policy(mission).save(logs / 'policy')
     stack = Stack(mission_file, logs / 'policy', logs, speedup)
+    without_shared_memory()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     executor = SingleThreadedExecutor()
     try:
