@@ -157,7 +157,7 @@ class Watch:
         """Why motors must not start now, '' where they may."""
         if not any(self.wanted) and not self.asking and self.now - self._wanted_until > ORDER_TIME:
             return 'no goal is wanted'
-        if self.held and self.now - self._held_at > ORDER_TIME:
+        if self.held and not self.resuming and self.now - self._held_at > ORDER_TIME:
             return 'told to hold'
         if self.taken and not self.resuming:
             return 'a pilot has command'
