@@ -58,7 +58,10 @@ def changes():
     yield 'goals.0.delta', edited(d, 'goals', 0, 'delta', value=5.5)
     yield 'faults.rate.actuator', edited(d, 'faults', 'rate', 'actuator', value=0.11)
     yield 'faults.completion.0', edited(d, 'faults', 'completion', 0, value=0.55)
-    yield 'faults.agile_factor.actuator', edited(d, 'faults', 'agile_factor', 'actuator', value=2.75)
+    yield (
+        'faults.agile_factor.actuator',
+        edited(d, 'faults', 'agile_factor', 'actuator', value=2.75),
+    )
     yield 'faults.repair_success', edited(d, 'faults', 'repair_success', value=0.66)
     yield 'threat.onset', edited(d, 'threat', 'onset', value=0.11)
     yield 'threat.cost.2.0', edited(d, 'threat', 'cost', 2, 0, value=13.2)
@@ -102,9 +105,7 @@ def test_the_derivative_agrees_with_the_solutions(policy, solved):
 def test_costs_together_scale_v(solved):
     """V* is homogeneous in the costs: their sensitivities sum to 10 %, to first order."""
     costs = ('eta', 'delta', 'cost', 'distance_weight', 'service_cost')
-    total = sum(
-        s.relative for s in solved.values() if set(costs) & set(s.name.split('.'))
-    )
+    total = sum(s.relative for s in solved.values() if set(costs) & set(s.name.split('.')))
     assert total == pytest.approx(0.1, rel=0.02)
 
 

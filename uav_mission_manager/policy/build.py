@@ -171,7 +171,10 @@ class _Clock:
         elapsed = time.monotonic() - self.start
         if self.job.checkpoint is None and elapsed > CALIBRATION_SECONDS:
             seconds = elapsed / max(report.done, 1e-3)
-            if seconds > prediction.MAX_EXACT_SECONDS and seconds - elapsed > prediction.MAX_EXACT_SECONDS / 4:
+            if (
+                seconds > prediction.MAX_EXACT_SECONDS
+                and seconds - elapsed > prediction.MAX_EXACT_SECONDS / 4
+            ):
                 raise _TooSlowError(
                     f'the exact solution would take about {seconds / 60:,.0f} minutes, '
                     f'by its first {report.step} sweeps'
