@@ -104,7 +104,7 @@ def _print(mission: Mission, found: list[Finding], solved: Solved | None, unchec
     terminal.print_mission(console, mission)
     terminal.print_methods(console, predictions(mission), _auto(mission))
     if solved is not None:
-        terminal.print_sensitivities(console, solved)
+        terminal.print_sensitivities(console, mission, solved)
     terminal.print_findings(console, found, unchecked)
 
 

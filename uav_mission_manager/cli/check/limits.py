@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Limits:
+class PlausibleRange:
     """What a number may be from, and up to, before it is warned of.
 
     Attributes
@@ -29,35 +29,41 @@ class Limits:
 
 
 LIMITS = {
-    'energy.capacity': Limits(
+    'energy.capacity': PlausibleRange(
         0.1, 500.0, 'Ah', 'from a palm-sized quadcopter to the largest lifters; above it is mAh'
     ),
-    'energy.voltage': Limits(3.0, 120.0, 'V', 'one lithium cell nearly empty to 28 in series'),
-    'energy.power': Limits(
+    'energy.voltage': PlausibleRange(
+        3.0, 120.0, 'V', 'one lithium cell nearly empty to 28 in series'
+    ),
+    'energy.power': PlausibleRange(
         5.0, 50_000.0, 'W', 'a palm-sized quadcopter to one that lifts a person; below it is kW'
     ),
-    'energy.speed': Limits(
+    'energy.speed': PlausibleRange(
         0.5, 35.0, 'm/s', 'a multirotor cruises at 3 to 20 m/s; above it is km/h'
     ),
-    'energy.wind': Limits(0.0, 30.0, 'm/s', 'no multirotor flies in a storm; above it is km/h'),
-    'energy.payload': Limits(0.0, 200.0, 'kg', 'the largest multirotors lift that; above it is g'),
-    'endurance': Limits(
+    'energy.wind': PlausibleRange(
+        0.0, 30.0, 'm/s', 'no multirotor flies in a storm; above it is km/h'
+    ),
+    'energy.payload': PlausibleRange(
+        0.0, 200.0, 'kg', 'the largest multirotors lift that; above it is g'
+    ),
+    'endurance': PlausibleRange(
         60.0, 4 * 3600.0, 's', 'shorter is no flight; longer no battery carries a multirotor'
     ),
-    'grid.cell_size': Limits(
+    'grid.cell_size': PlausibleRange(
         2.0, 1000.0, 'm', 'satellite navigation is off by 2 m; a kilometre is no place any more'
     ),
-    'faults.agile_factor': Limits(
+    'faults.agile_factor': PlausibleRange(
         1.0, 10.0, '', 'agile flight spares no part, and wears none out ten times as fast'
     ),
-    'horizon': Limits(
+    'horizon': PlausibleRange(
         2.0, 1e5, 'epochs', 'shorter looks no flight ahead; longer counts days and solves slowly'
     ),
-    'cost ratio': Limits(
+    'cost ratio': PlausibleRange(
         0.0, 1e3, '', 'what is a thousandth of another cost changes no decision of a person'
     ),
 }
-"""Limits by field; `endurance` on a full battery, `horizon` 1 / (1 - discount), and `cost ratio`
+"""PlausibleRange by field; `endurance` on a full battery, `horizon` 1 / (1 - discount), and `cost ratio`
 of the largest cost to all others together."""
 
 DRAWN_EPOCHS = 20_000

@@ -98,14 +98,14 @@ def flown_findings(policy: ExactPolicy) -> Iterator[Finding]:
     states = flown_states(mission, policy.act, DRAWN_EPOCHS, rng)
     taken = np.array(global_actions(mission), dtype=object)[policy.act(states) - 1]
     s = StateSpace(mission.k, mission.grid.q).split(states)
-    chosen = {action.goal for action in taken}
-    for j in range(mission.k):
-        if j not in chosen and (s.g[:, j] > 0).any():
-            text = f'is committed to in none of {DRAWN_EPOCHS:,} epochs of the best policy'
-            yield Finding(
-                f'goals.{j}', mission.goals[j].name, f'{text}: raise its worth, or drop it'
-            )
+    goals = np.array([-1 if action.goal is None else action.goal for action in taken])
+    for j, goal in enumerate(mission.goals):
+        # On its cell: a commitment elsewhere may be a cheap way to wait for something else.
+        if not ((goals == j) & (s.l == goal.cell)).any() and (s.g[:, j] > 0).any():
+            text = f'the best policy gets it done in none of {DRAWN_EPOCHS:,} epochs of flight'
+            yield Finding(f'goals.{j}', goal.name, f'{text}: raise its worth, or drop it')
     repairs = np.array([action.kind is ActionKind.REPAIR for action in taken])
+    repairs &= s.l == mission.grid.service
     for f in range(2, len(FAULT_MODES) + 1):
         seen = s.f == f
         if seen.sum() >= LEAST_SEEN and not repairs[seen].any():

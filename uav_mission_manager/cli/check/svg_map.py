@@ -20,7 +20,7 @@ MOST_NUMBERED = 400
 MOST_LINES = 200
 """Lines of a grid one way that can be told apart on a screen: a choice."""
 
-LONGEST_LABEL = 18
+LONGEST_NAME_DRAWN = 18
 """Characters of a goal's name on the map; all of it is in the table and the tooltip."""
 
 TEXT_SHARE = 42.0
@@ -185,8 +185,8 @@ def _short(name: str) -> str:
     name = shown(name)
     return (
         name
-        if len(name) <= LONGEST_LABEL
-        else f'{name[: LONGEST_LABEL - 1]}\N{HORIZONTAL ELLIPSIS}'
+        if len(name) <= LONGEST_NAME_DRAWN
+        else f'{name[: LONGEST_NAME_DRAWN - 1]}\N{HORIZONTAL ELLIPSIS}'
     )
 
 

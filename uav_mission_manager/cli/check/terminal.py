@@ -144,13 +144,17 @@ def _time(seconds: float | None) -> str:
     return f'{seconds:,.2g} s' if seconds < 100 else f'{seconds / 60:,.0f} min'
 
 
-def print_sensitivities(console: Console, solved: Solved) -> None:
+def print_sensitivities(console: Console, mission: Mission, solved: Solved) -> None:
     """Print the parameters that V* depends on most."""
     console.print(
         f'\nV* at the start (at base, all goals wanted): {solved.value:.4f}; it changes by'
     )
     for s in solved.sensitivities[:SHOWN_SENSITIVITIES]:
-        console.print(f'  {s.relative:+8.2%}  {s.name} {s.value:.4g} -> {s.changed:.4g}')
+        section, _, rest = s.name.partition('.')
+        whose = ''
+        if section == 'goals':
+            whose = f' ({shown(mission.goals[int(rest.partition(".")[0])].name)[:LONGEST_NAME]})'
+        console.print(f'  {s.relative:+8.2%}  {s.name} {s.value:.4g} -> {s.changed:.4g}{whose}')
     console.print('where one number is 10 % larger, or smaller if it is at its limit; of discount')
     console.print(f'its horizon ({solved.method})')
 

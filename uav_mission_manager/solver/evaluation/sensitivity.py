@@ -31,7 +31,7 @@ from uav_mission_manager.solver.threads import processors
 STEP = 0.1
 """Relative change of each parameter: a choice, about what a guess is wrong by at the least."""
 
-SOLVE_TOLERANCE = 1e-7
+SOLVE_TOLERANCE = 1e-6
 """Largest error of each solution, relative to V*: far below what a change makes of it."""
 
 FieldPath = tuple[str | int, ...]
