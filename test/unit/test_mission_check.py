@@ -12,6 +12,7 @@ from strategies import CASE_STUDY, case_study, in_units
 
 from uav_mission_manager import build_policy
 from uav_mission_manager.cli.check import limits, solving
+from uav_mission_manager.cli.check.facts import duration_text
 from uav_mission_manager.cli.check.plausibility import findings
 from uav_mission_manager.cli.check.terminal import map_lines
 from uav_mission_manager.cli.mission_check import main
@@ -318,6 +319,29 @@ def test_output_fits_80_columns(tmp_path, capsys):
     assert any('[/b]' in line for line in lines)
     assert any(':fire:' in line for line in lines)
     assert any('each place stands for 15 x 15 cells' in line for line in lines)
+
+
+def test_sizes_beyond_counting_fit_80_columns(tmp_path, capsys):
+    document = case_study(grid=case_study()['grid'] | {'rows': 8, 'cols': 8})
+    document['goals'] = [
+        {'name': f'g{j}', 'cell': 2 + j, 'eta': 5.0, 'delta': 2.0} for j in range(40)
+    ]
+    assert main([write(tmp_path / 'm.yaml', document)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    # 24 * 6^40 unknowns a cell, 64 cells.
+    exact = next(line for line in lines if line.startswith(' exact'))
+    assert exact.split()[3] == f'{64 * 24 * 6**40:.1e}'
+    assert max(len(x) for x in lines if not x.startswith(('WARNING', 'not checked'))) <= 80
+    assert any(line.startswith('and 10 more') for line in lines)
+
+
+@pytest.mark.parametrize(
+    ('seconds', 'text'),
+    [(0.0123, '0.012 s'), (15.2, '15 s'), (119.0, '119 s'), (150.0, '2 min'), (9000.0, '2 h')]
+    + [(2.6e5, '3 days'), (1e9, '32 years'), (1e20, '3e+12 years')],
+)
+def test_durations_are_short(seconds, text):
+    assert duration_text(seconds) == text
 
 
 def test_the_map_shows_what_is_where():

@@ -29,7 +29,7 @@ from uav_mission_manager.paths import write_whole
 from uav_mission_manager.policy.prediction import obstacle_to_exact, predictions
 from uav_mission_manager.solver.progress import Progress, Report
 
-FORMAT = 1
+CHECK_FORMAT = 1
 """Version of what `--json` prints: keys may come, but none changes or goes without a new one."""
 
 
@@ -120,7 +120,7 @@ def _answer(
     grid = mission.grid
     obstacle = obstacle_to_exact(mission)
     return {
-        'format': FORMAT,
+        'format': CHECK_FORMAT,
         'mission': mission.name,
         'grid': {'rows': grid.rows, 'cols': grid.cols, 'cell_size_m': grid.cell_size},
         'epoch_seconds': epoch_seconds(mission),

@@ -6,8 +6,9 @@ import math
 from dataclasses import dataclass
 
 from uav_mission_manager.mdp import Mission
-from uav_mission_manager.mdp.epoch import SECONDS_PER_MINUTE, Epoch
+from uav_mission_manager.mdp.epoch import SECONDS_PER_MINUTE
 from uav_mission_manager.onboard.range_model import flight_range, required_ranges
+from uav_mission_manager.solver.evaluation.forecast import epoch_length
 
 
 @dataclass(frozen=True)
@@ -40,8 +41,7 @@ class GoalFacts:
 
 def epoch_seconds(mission: Mission) -> float | None:
     """Length of an epoch [s], None where no speed is given."""
-    energy = mission.energy
-    return None if energy is None else Epoch(mission.grid.cell_size, energy.speed).length
+    return None if mission.energy is None else epoch_length(mission)
 
 
 def full_range(mission: Mission) -> float | None:
@@ -93,3 +93,12 @@ def marks(mission: Mission) -> dict[int, str]:
 def onsets(mission: Mission) -> dict[int, float]:
     """Cells with a chance of threats of their own, that differs from the ordinary one."""
     return {cell: p for cell, p in mission.threat.zones if p != mission.threat.onset}
+
+
+def duration_text(seconds: float) -> str:
+    """Return a duration for people."""
+    for unit, length in (('years', 365.25 * 86_400), ('days', 86_400), ('h', 3600), ('min', 60)):
+        if seconds >= 2 * length:
+            count = seconds / length
+            return f'{count:,.0f} {unit}' if count < 1e6 else f'{count:.0e} {unit}'
+    return f'{seconds:.2g} s' if seconds < 10 else f'{seconds:.0f} s'

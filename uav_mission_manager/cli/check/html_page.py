@@ -72,7 +72,7 @@ $findings
 """)
 
 BOX = '<rect class="{kind}" width="24" height="16"/>'
-LEGEND = (
+MAP_LEGEND = (
     ('base, where it starts', BOX.format(kind='base-sign')),
     ('service, where it is recharged and repaired', BOX.format(kind='service-sign')),
     ('goal, by its number below', '<circle class="goal" cx="12" cy="8" r="7.5"/>'),
@@ -85,7 +85,7 @@ LEGEND = (
 
 def html_page(mission: Mission, findings: Sequence[Finding]) -> str:
     """Return the page."""
-    legend = [*LEGEND, *_reach_legend(mission)]
+    legend = [*MAP_LEGEND, *_reach_legend(mission)]
     return PAGE.substitute(
         title=escape(f'Mission {shown(mission.name)}'),
         style=STYLE,

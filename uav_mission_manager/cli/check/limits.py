@@ -63,8 +63,8 @@ LIMITS = {
         0.0, 1e3, '', 'what is a thousandth of another cost changes no decision of a person'
     ),
 }
-"""PlausibleRange by field; `endurance` on a full battery, `horizon` 1 / (1 - discount), and `cost ratio`
-of the largest cost to all others together."""
+"""By field; `endurance` is that of a full battery, `horizon` 1 / (1 - discount), and `cost ratio`
+that of the largest cost to all others together."""
 
 DRAWN_EPOCHS = 20_000
 """Epochs of flight that are drawn to see whether a goal is ever committed to: what is done in one

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from uav_mission_manager.cli.check.facts import duration_text
 from uav_mission_manager.cli.check.finding import Finding
 from uav_mission_manager.cli.check.limits import (
     DRAWN_EPOCHS,
@@ -15,10 +16,9 @@ from uav_mission_manager.cli.check.limits import (
     MAX_SOLVE_SECONDS,
 )
 from uav_mission_manager.mdp import FAULT_MODES, ActionKind, Mission, StateSpace, global_actions
-from uav_mission_manager.mdp.arrays import IntArray
 from uav_mission_manager.policy import ExactPolicy, build_policy
 from uav_mission_manager.policy.prediction import likely_seconds, obstacle_to_exact
-from uav_mission_manager.solver.evaluation import flown_states
+from uav_mission_manager.solver.evaluation import flown_states, start_state
 from uav_mission_manager.solver.evaluation.sensitivity import (
     Sensitivity,
     by_occupancy,
@@ -62,7 +62,7 @@ def obstacle_to_solving(mission: Mission) -> str:
     seconds = likely_seconds(whole_mission(mission))
     if seconds > MAX_SOLVE_SECONDS:
         return (
-            f'the exact solution would take about {seconds:,.0f} s, more than the '
+            f'the exact solution would take about {duration_text(seconds)}, more than the '
             f'{MAX_SOLVE_SECONDS:g} s that a check waits for'
         )
     return obstacle_to_exact(mission)
@@ -84,12 +84,6 @@ def solve(mission: Mission, progress: Progress = ignore) -> Solved:
         method = f'to first order, by one backup in {DRAWN_EPOCHS:,} epochs of flight'
         found = by_occupancy(policy.solution, policy.act, start, DRAWN_EPOCHS, progress)
     return Solved(tuple(flown_findings(policy)), value, seconds, method, tuple(found))
-
-
-def start_state(mission: Mission) -> IntArray:
-    """At base, all goals at high priority and in range, no fault, no threat: (1, 2k+5)."""
-    k = mission.k
-    return np.array([[1, *[1] * k, *[2] * k, mission.grid.base, 0, 0, 0]])
 
 
 def flown_findings(policy: ExactPolicy) -> Iterator[Finding]:

@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from uav_mission_manager.cli.check.facts import (
+    duration_text,
     epoch_seconds,
     full_range,
     goal_facts,
@@ -31,8 +32,11 @@ WIDTH = 80
 MAP_COLUMNS, MAP_ROWS = 20, 20
 """Cells, or blocks of cells, that a map shows at most: 4 columns each."""
 
-SHOWN_GOALS, LONGEST_NAME = 30, 16
+SHOWN_GOALS, LONGEST_NAME_SHOWN = 30, 16
 """Goals of the table at most, and characters of their names: a choice."""
+
+LARGEST_COUNT = 1_000_000_000
+"""Number from which two digits say all that a person reads: a choice."""
 
 SHOWN_SENSITIVITIES = 10
 """Parameters whose sensitivity is shown."""
@@ -113,7 +117,7 @@ def _goal_table(mission: Mission) -> Table:
         both = f'{eta:.4g}' if eta == delta else f'{eta:.4g}, {delta:.4g}'
         table.add_row(
             str(number),
-            shown(goal.name)[:LONGEST_NAME],
+            shown(goal.name)[:LONGEST_NAME_SHOWN],
             str(goal.cell),
             f'{goal.from_base:,.0f} m',
             f'{goal.to_service:,.0f} m',
@@ -131,17 +135,16 @@ def print_methods(console: Console, methods: Sequence[Prediction], auto: str) ->
     for head in heads:
         table.add_column(head, justify='left' if head == 'method' else 'right')
     for p in methods:
-        numbers = str(p.sub_mdps), f'{p.states:,}', f'{p.unknowns:,}'
-        table.add_row(p.method, *numbers, size_text(p.memory), _time(p.seconds))
+        numbers = str(p.sub_mdps), _count(p.states), _count(p.unknowns)
+        time = 'not known' if p.seconds is None else duration_text(p.seconds)
+        table.add_row(p.method, *numbers, size_text(p.memory), time)
     console.print(table)
     console.print('states: of the largest sub-MDP; reduced: what is solved for, of all of them')
     console.print(f'policy_build --method auto takes {auto}')
 
 
-def _time(seconds: float | None) -> str:
-    if seconds is None:
-        return 'not known'
-    return f'{seconds:,.2g} s' if seconds < 100 else f'{seconds / 60:,.0f} min'
+def _count(number: int) -> str:
+    return f'{number:,}' if number < LARGEST_COUNT else f'{number:.1e}'
 
 
 def print_sensitivities(console: Console, mission: Mission, solved: Solved) -> None:
@@ -153,7 +156,9 @@ def print_sensitivities(console: Console, mission: Mission, solved: Solved) -> N
         section, _, rest = s.name.partition('.')
         whose = ''
         if section == 'goals':
-            whose = f' ({shown(mission.goals[int(rest.partition(".")[0])].name)[:LONGEST_NAME]})'
+            whose = (
+                f' ({shown(mission.goals[int(rest.partition(".")[0])].name)[:LONGEST_NAME_SHOWN]})'
+            )
         console.print(f'  {s.relative:+8.2%}  {s.name} {s.value:.4g} -> {s.changed:.4g}{whose}')
     console.print('where one number is 10 % larger, or smaller if it is at its limit; of discount')
     console.print(f'its horizon ({solved.method})')

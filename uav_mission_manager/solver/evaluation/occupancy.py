@@ -12,6 +12,12 @@ from uav_mission_manager.mdp.states import StateSpace
 from uav_mission_manager.solver.evaluation.simulation import Simulator
 
 
+def start_state(mission: Mission) -> IntArray:
+    """At base, all goals at high priority and in range, no fault, no threat: (1, 2k+5)."""
+    k = mission.k
+    return np.array([[1, *[1] * k, *[2] * k, mission.grid.base, 0, 0, 0]])
+
+
 def starts_at_base(mission: Mission, count: int, rng: np.random.Generator) -> IntArray:
     """States at the start of a flight, shape (count, 2k+5).
 
