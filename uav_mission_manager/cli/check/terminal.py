@@ -21,13 +21,11 @@ from uav_mission_manager.cli.check.facts import (
 )
 from uav_mission_manager.cli.check.finding import Finding
 from uav_mission_manager.cli.check.solving import Solved
+from uav_mission_manager.cli.forecast_view import WIDTH
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import Mission
 from uav_mission_manager.policy.prediction import Prediction
 from uav_mission_manager.solver.memory import size_text
-
-WIDTH = 80
-"""Columns of the output where it is no terminal."""
 
 MAP_COLUMNS, MAP_ROWS = 20, 20
 """Cells, or blocks of cells, that a map shows at most: 4 columns each."""
