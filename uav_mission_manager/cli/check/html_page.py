@@ -18,21 +18,6 @@ from uav_mission_manager.cli.check.svg_map import svg_map
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import Mission
 
-STYLE = """
-.ground{fill:#fbfaf6}.zone{fill:#f6c8b6}.calm{fill:#e9f3e4}.base{fill:#d5e4f7}.service{fill:#e4dcf3}
-.line{stroke:#d9d4c7;fill:none}.edge{stroke:#8f8a7d;fill:none}
-.there,.onward{stroke:#3d6b99;stroke-opacity:.75;stroke-width:.16em;stroke-linecap:round}
-.onward{stroke:#7a5aa6;stroke-dasharray:.1em .45em}
-.reach{fill:none;stroke:#2f8f5b;stroke-dasharray:.7em .4em;stroke-width:.14em}
-.goal{fill:#b3471d;stroke:#fff}.base-sign{fill:#2a5d9c;stroke:#fff}
-.service-sign{fill:#6a489b;stroke:#fff}.north{fill:#44413a}.scale{stroke:#44413a;fill:none;stroke-width:.12em}
-text{font-family:system-ui,sans-serif;text-anchor:middle;fill:#2b2a26}
-text.sign{fill:#fff;font-weight:700}text.name,text.halo{font-weight:600}text.reach-label{fill:#23734a}
-text.halo{fill:#fff;stroke:#fff;stroke-width:.3em;stroke-opacity:.85;stroke-linejoin:round}
-text.number{text-anchor:start;fill:#9a9484}
-"""
-"""Styles of the map, for the legend too."""
-
 PAGE = Template("""<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -46,11 +31,11 @@ margin:1.5rem auto;max-width:62rem;padding:0 1rem}
 h1{font-size:1.4rem;margin:0 0 .2rem;overflow-wrap:anywhere}p{margin:.2rem 0 1rem}
 svg{width:100%;max-height:80vh}
 table{border-collapse:collapse;width:100%;margin:1rem 0}
-th,td{padding:.3rem .6rem;border-bottom:1px solid #e4e0d6;text-align:right}
-th:nth-child(-n+2),td:nth-child(-n+2){text-align:left;overflow-wrap:anywhere}
+th,td{padding:.3rem .6rem;border-bottom:1px solid #e4e0d6;text-align:right;white-space:nowrap}
+th:nth-child(-n+2),td:nth-child(-n+2){text-align:left;overflow-wrap:anywhere;white-space:normal}
 .legend{display:flex;flex-wrap:wrap;gap:.4rem 1.4rem;list-style:none;padding:0;font-size:.9rem}
 .legend svg{width:1.6rem;height:1.1rem;vertical-align:-.2rem;margin-right:.4rem;font-size:8px}
-$style</style>
+</style>
 </head>
 <body>
 <h1>$title</h1>
@@ -88,7 +73,6 @@ def html_page(mission: Mission, findings: Sequence[Finding]) -> str:
     legend = [*MAP_LEGEND, *_reach_legend(mission)]
     return PAGE.substitute(
         title=escape(f'Mission {shown(mission.name)}'),
-        style=STYLE,
         summary=escape(_summary(mission)),
         map=svg_map(mission),
         legend='\n'.join(

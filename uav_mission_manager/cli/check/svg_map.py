@@ -27,6 +27,22 @@ TEXT_SHARE = 42.0
 """Width of the map over the height of its text: a choice, 20 pixels on a map of 850."""
 
 
+MAP_STYLE = """
+.ground{fill:#fbfaf6}.zone{fill:#f6c8b6}.calm{fill:#e9f3e4}.base{fill:#d5e4f7}.service{fill:#e4dcf3}
+.line{stroke:#d9d4c7;fill:none}.edge{stroke:#8f8a7d;fill:none}
+.there,.onward{stroke:#3d6b99;stroke-opacity:.75;stroke-width:.16em;stroke-linecap:round}
+.onward{stroke:#7a5aa6;stroke-dasharray:.1em .45em}
+.reach{fill:none;stroke:#2f8f5b;stroke-dasharray:.7em .4em;stroke-width:.14em}
+.goal{fill:#b3471d;stroke:#fff}.base-sign{fill:#2a5d9c;stroke:#fff}
+.service-sign{fill:#6a489b;stroke:#fff}.north{fill:#44413a}.scale{stroke:#44413a;fill:none;stroke-width:.12em}
+text{font-family:system-ui,sans-serif;text-anchor:middle;fill:#2b2a26}
+text.sign{fill:#fff;font-weight:700}text.name,text.halo{font-weight:600}text.reach-label{fill:#23734a}
+text.halo{fill:#fff;stroke:#fff;stroke-width:.3em;stroke-opacity:.85;stroke-linejoin:round}
+text.number{text-anchor:start;fill:#9a9484}
+"""
+"""Styles of the map; on a page they are those of its legend too."""
+
+
 class Scale:
     """Sizes on the map [m], by its extent: text is as large to read on every map.
 
@@ -49,13 +65,14 @@ class Scale:
 
 
 def svg_map(mission: Mission) -> str:
-    """Return the map as one `svg` element; its styles are the page's."""
+    """Return the map as one `svg` element, which is a whole file too."""
     scale = Scale(mission)
     box = ' '.join(f'{value:.6g}' for value in scale.box)
     label = escape(f'map of mission {shown(mission.name)}')
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{box}" role="img" '
         f'aria-label="{label}" font-size="{scale.text:.6g}" stroke-width="{scale.text / 14:.4g}">',
+        f'<style>{MAP_STYLE}</style>',
         *_cells(mission),
         *_lines(mission),
         *_numbers(mission, scale),
