@@ -288,6 +288,14 @@ def test_json_has_the_ways_and_ranges(capsys):
     assert max(answer['sensitivities'], key=lambda s: abs(s['relative']))['name'] == 'discount'
 
 
+def test_the_keys_of_json_are_documented(capsys):
+    text = (share_directory() / 'docs' / 'mission_check.md').read_text('utf-8')
+    rows = re.findall(r'^\| (`[^|]*) \| ', text[text.index('`--json` prints') :], re.MULTILINE)
+    assert main([str(SHIPPED[0]), '--json']) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert set(re.findall(r'`(\w+)`', ' '.join(rows))) == set(answer)
+
+
 def test_predicted_sizes_are_those_of_what_is_built():
     mission = load_mission(CASE_STUDY)
     for prediction in predictions(mission):

@@ -100,7 +100,13 @@ def test_the_map_is_in_metres_and_well_formed():
 
 
 def test_the_scale_bar_is_as_long_as_it_says():
-    for size, says in ((50.0, '50 m'), (3.0, '2 m'), (700.0, '500 m'), (90_000.0, '50 km')):
+    for size, says in (
+        (50.0, '50 m'),
+        (3.0, '2 m'),
+        (0.3, '0.2 m'),
+        (700.0, '500 m'),
+        (90_000.0, '50 km'),
+    ):
         svg = svg_of(at(149.0, cell_size=size))
         bar = next(p for p in svg.iter(f'{SVG}path') if p.get('class') == 'scale')
         length = float(re.search(r'h([\d.e+]+)', bar.get('d'))[1])

@@ -221,7 +221,7 @@ def _scale_bar(scale: Scale) -> Iterator[str]:
     end = f'v{2 * tick:.4g}m0 {-tick:.4g}'
     bar = f'M{x:.6g} {y - tick:.6g}{end}h{length:.6g}m0 {-tick:.4g}{end}'
     yield f'<path class="scale" d="{bar}"/>'
-    text = f'{length:,.0f} m' if length < 10_000 else f'{length / 1000:,.0f} km'
+    text = f'{length:g} m' if length < 10_000 else f'{length / 1000:g} km'
     yield _text('small', x + length / 2, y + 1.4 * scale.text, text, 0.85 * scale.text)
 
 
