@@ -12,6 +12,7 @@ COMMANDS = {
     'policy_build': 'cli.policy_build',
     'policy_query': 'cli.policy_query',
     'mission_simulate': 'cli.mission_simulate',
+    'mission_check': 'cli.mission_check',
     'demo': 'cli.demo',
     'manager': 'nodes.manager',
     'solver': 'nodes.solver',

@@ -6,6 +6,7 @@ import errno
 import os
 import re
 import stat
+import tempfile
 from pathlib import Path
 
 from uav_mission_manager.echo import shown
@@ -62,3 +63,17 @@ def opened_file(path: Path, flags: int = os.O_RDONLY) -> int:
         os.close(descriptor)
         raise OSError(errno.EINVAL, 'no regular file', str(path))
     return descriptor
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file in one step: whoever looks finds the old one or the new one, whole.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; an old one then stays.
+    """
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=f'.{path.name}.') as folder:
+        fresh = Path(folder) / 'new'
+        fresh.write_text(text, encoding='utf-8')
+        fresh.replace(path)

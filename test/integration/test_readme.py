@@ -148,7 +148,7 @@ def test_the_table_names_every_option_of_a_command(name: str) -> None:
     )
     row = re.search(rf'^\| `({name}\b[^`]*)` \|(.*)\|$', (ROOT / 'README.md').read_text(), re.M)
     options = set(re.findall(r'--[a-z][a-z-]+', run.stdout)) - {'--help', '--version'}
-    if name in ('policy_build', 'policy_query'):
+    if name in ('policy_build', 'policy_query', 'mission_check'):
         assert set(re.findall(r'--[a-z-]+', row[1])) == options - {'--no-certificate'}
     elif name in NODES:
         named = set(re.findall(r'`(\w+)`', row[2].partition('parameters')[2].partition('(')[0]))

@@ -7,7 +7,7 @@ from strategies import case_study
 
 from uav_mission_manager import build_policy
 from uav_mission_manager.mdp import mission_from_dict
-from uav_mission_manager.policy import build
+from uav_mission_manager.policy import build, prediction
 from uav_mission_manager.solver import memory
 
 
@@ -51,14 +51,14 @@ def test_what_fits_neither_way_says_so_of_both(mission, monkeypatch):
 
 
 def test_auto_does_not_begin_what_cannot_end_in_time(mission, monkeypatch):
-    monkeypatch.setattr(build, 'MAX_EXACT_SECONDS', 1e-9)
+    monkeypatch.setattr(prediction, 'MAX_EXACT_SECONDS', 1e-9)
     policy = build_policy(mission, order=1, certificate=False)
     assert policy.reason.startswith('expansion: the exact solution would take more than ')
 
 
 def test_auto_learns_from_the_first_sweeps(mission, monkeypatch):
-    monkeypatch.setattr(build, 'MIN_ENTRY_SECONDS', 0.0)
-    monkeypatch.setattr(build, 'MAX_EXACT_SECONDS', 1e-6)
+    monkeypatch.setattr(prediction, 'MIN_ENTRY_SECONDS', 0.0)
+    monkeypatch.setattr(prediction, 'MAX_EXACT_SECONDS', 1e-6)
     monkeypatch.setattr(build, 'CALIBRATION_SECONDS', 0.0)
     policy = build_policy(mission, order=1, certificate=False)
     assert policy.method == 'expansion'

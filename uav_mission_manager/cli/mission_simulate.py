@@ -34,6 +34,7 @@ from uav_mission_manager.solver.evaluation.forecast import (
     forecast_epochs,
 )
 from uav_mission_manager.solver.evaluation.intervals import CONFIDENCE
+from uav_mission_manager.solver.evaluation.occupancy import start_state
 
 FORMAT = 1
 """Version of what `--json` prints: keys may come, but none changes or goes without a new one."""
@@ -158,9 +159,8 @@ def _check_comparable(names: list[str], policies: list[Policy]) -> None:
 
 def _start(policy: Policy, text: str | None) -> IntArray:
     """The start state, shape (1, 2k+5)."""
-    k, grid = policy.mission.k, policy.mission.grid
     if text is None:
-        return np.array([[1, *[1] * k, *[2] * k, grid.base, 0, 0, 0]])
+        return start_state(policy.mission)
     try:
         return policy.space.check(parse_state('--from', text))
     except StateError as error:

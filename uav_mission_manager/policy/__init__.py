@@ -2,7 +2,6 @@
 
 from uav_mission_manager.policy.build import (
     DEFAULT_METHOD,
-    DEFAULT_ORDER,
     METHODS,
     build_policy,
     load_policy,
@@ -13,6 +12,7 @@ from uav_mission_manager.policy.decision import Decision
 from uav_mission_manager.policy.exact_policy import ExactPolicy
 from uav_mission_manager.policy.expansion_policy import ExpansionPolicy
 from uav_mission_manager.policy.policy import Policy
+from uav_mission_manager.policy.prediction import DEFAULT_ORDER
 from uav_mission_manager.policy.recombined_policy import RecombinedPolicy
 from uav_mission_manager.policy.store import PolicyError
 

@@ -18,11 +18,17 @@ import numpy as np
 
 from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.mdp import Mission
+from uav_mission_manager.policy import prediction
 from uav_mission_manager.policy.certify import certify
 from uav_mission_manager.policy.checkpoint import Checkpoint
 from uav_mission_manager.policy.exact_policy import ExactPolicy
 from uav_mission_manager.policy.expansion_policy import ExpansionPolicy
 from uav_mission_manager.policy.policy import Policy
+from uav_mission_manager.policy.prediction import (
+    DEFAULT_ORDER,
+    obstacle_to_exact,
+    states_in_full,
+)
 from uav_mission_manager.policy.recombined_policy import RECOMBINATIONS, RecombinedPolicy
 from uav_mission_manager.policy.store import PolicyError, read_policy_set
 from uav_mission_manager.policy.workers import Task, Workers, workers
@@ -31,29 +37,14 @@ from uav_mission_manager.solver.bounds import covering, lower_bound
 from uav_mission_manager.solver.decomposition.decompose import decompose
 from uav_mission_manager.solver.decomposition.plan import Plan
 from uav_mission_manager.solver.exact import LookAhead, solve_blocks, value_iteration
-from uav_mission_manager.solver.exact.memory import needed_bytes
-from uav_mission_manager.solver.exact.value_iteration import PRECISIONS
 from uav_mission_manager.solver.expansion import Clusters, Expansion, fit_expansion
 from uav_mission_manager.solver.progress import Progress, Report, ignore
 from uav_mission_manager.solver.submdp import state_count, whole_mission
-from uav_mission_manager.solver.threads import processors
 
 DEFAULT_METHOD = 'auto'
 """Method of `build_policy` where none is asked for."""
 
-DEFAULT_ORDER = 3
-"""Most goals of an expansion's clusters in full where nothing else is asked for: a choice."""
-
 EXACT = 'exact solution'  # In reports of progress.
-MAX_EXACT_SECONDS = 120.0
-"""Longest exact solution that `auto` waits for [s]: a choice."""
-
-MIN_ENTRY_SECONDS = 4e-9
-"""Time that a sweep takes for an entry of W at the least [s]; measured 14 to 35 ns."""
-
-MIN_SWEEPS = 40
-"""Sweeps that an exact solution takes at the least; measured 40 for one goal, 110 for seven."""
-
 CALIBRATION_SECONDS = 2.0
 """Time after which the sweeps made so far tell how long the rest will take [s]: a choice."""
 
@@ -145,7 +136,8 @@ def build_policy(
 
 def _auto(job: Job) -> Policy:
     """Exact where it fits and is quick enough, else an expansion."""
-    reason = _too_large(job)
+    patient = job.checkpoint is not None
+    reason = obstacle_to_exact(job.mission, job.max_states, job.precision, patient)
     if not reason:
         clock = _Clock(job)
         try:
@@ -164,23 +156,6 @@ def _auto(job: Job) -> Policy:
     return policy
 
 
-def _too_large(job: Job) -> str:
-    """Why the exact solution is out of the question, empty where it is not."""
-    sub = whole_mission(job.mission)
-    if job.max_states is not None and sub.states > job.max_states:
-        return f'the {sub.states:,} states are more than T_max = {job.max_states:,}'
-    needed = needed_bytes(sub, PRECISIONS.get(job.precision, (np.float64,))[-1], processors())
-    if not memory.fits(needed):
-        return (
-            f'the exact solution needs {memory.size_text(needed)} of memory, '
-            f'{memory.size_text(memory.available_bytes())} are free'
-        )
-    seconds = sub.entries * MIN_ENTRY_SECONDS * MIN_SWEEPS
-    if seconds > MAX_EXACT_SECONDS and job.checkpoint is None:
-        return f'the exact solution would take more than {seconds / 60:,.0f} minutes'
-    return ''
-
-
 class _TooSlowError(Exception):
     """The exact solution takes too long."""
 
@@ -196,7 +171,10 @@ class _Clock:
         elapsed = time.monotonic() - self.start
         if self.job.checkpoint is None and elapsed > CALIBRATION_SECONDS:
             seconds = elapsed / max(report.done, 1e-3)
-            if seconds > MAX_EXACT_SECONDS and seconds - elapsed > MAX_EXACT_SECONDS / 4:
+            if (
+                seconds > prediction.MAX_EXACT_SECONDS
+                and seconds - elapsed > prediction.MAX_EXACT_SECONDS / 4
+            ):
                 raise _TooSlowError(
                     f'the exact solution would take about {seconds / 60:,.0f} minutes, '
                     f'by its first {report.step} sweeps'
@@ -229,7 +207,7 @@ def _exact(job: Job) -> ExactPolicy:
 
 def _expansion(job: Job) -> ExpansionPolicy:
     mission = job.mission
-    max_states = job.max_states or state_count(min(job.order, mission.k), mission.grid.q, 8)
+    max_states = job.max_states or states_in_full(mission, job.order)
     clusters = Clusters.up_to(mission, job.order, max_states)
     with workers(job.jobs or 1, job.scheduler) as pool:
         fit = partial(fit_expansion, mission, clusters)
@@ -268,7 +246,7 @@ def _recombined(method: str, job: Job) -> RecombinedPolicy:
         if job.certificate:
             upper = _announced(job, 'upper bound')
             names.append('lower bound')
-            limit = job.max_states or state_count(min(job.order, mission.k), mission.grid.q, 8)
+            limit = job.max_states or states_in_full(mission, job.order)
             tasks.append(partial(lower_bound, mission, covering(mission, limit)))
         results = _run(job, pool, names, tasks)
         policy = RecombinedPolicy(method, plan, results[: len(subs)])

@@ -35,4 +35,6 @@ def available_bytes() -> int:
 
 def size_text(count: int) -> str:
     """Return a number of bytes for people."""
+    if count >= 2**50:
+        return f'{count / 2**30:.1e} GiB'
     return f'{count / 2**30:,.1f} GiB' if count >= 2**30 else f'{count / 2**20:,.0f} MiB'

@@ -12,6 +12,12 @@ from uav_mission_manager.mdp.states import StateSpace
 from uav_mission_manager.solver.evaluation.simulation import Simulator
 
 
+def start_state(mission: Mission) -> IntArray:
+    """At base, all goals at high priority and in range, no fault, no threat: (1, 2k+5)."""
+    k = mission.k
+    return np.array([[1, *[1] * k, *[2] * k, mission.grid.base, 0, 0, 0]])
+
+
 def starts_at_base(mission: Mission, count: int, rng: np.random.Generator) -> IntArray:
     """States at the start of a flight, shape (count, 2k+5).
 
@@ -31,8 +37,9 @@ def flown_states(
     act: Callable[[IntArray], IntArray],
     count: int,
     rng: np.random.Generator,
+    starts: IntArray | None = None,
 ) -> IntArray:
-    """States drawn from the discounted occupancy of a policy from base, shape (count, 2k+5).
+    """States drawn from the discounted occupancy of a policy, shape (count, 2k+5).
 
     Each is the state after T epochs of an episode of its own, P(T = n) = (1 - discount)
     discount^n. Hence a mean over them is (1 - discount) times the discounted sum over a flight.
@@ -44,8 +51,11 @@ def flown_states(
         The policy: action numbers (N,) of states (N, 2k+5).
     count : int
     rng : numpy.random.Generator
+    starts : int array (count, 2k+5), optional
+        Where the flights start; by default at base, see `starts_at_base`.
     """
-    simulator, states = Simulator(mission), starts_at_base(mission, count, rng)
+    simulator = Simulator(mission)
+    states = starts_at_base(mission, count, rng) if starts is None else starts.copy()
     left = rng.geometric(1 - mission.discount, count) - 1
     while (flying := np.flatnonzero(left > 0)).size:
         states[flying] = simulator.step(states[flying], act(states[flying]), rng)

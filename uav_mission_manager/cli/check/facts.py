@@ -1,0 +1,104 @@
+"""What follows from a mission before it is solved: ways, ranges, the length of an epoch."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from uav_mission_manager.mdp import Mission
+from uav_mission_manager.mdp.epoch import SECONDS_PER_MINUTE
+from uav_mission_manager.onboard.range_model import flight_range, required_ranges
+from uav_mission_manager.solver.evaluation.forecast import epoch_length
+
+
+@dataclass(frozen=True)
+class GoalFacts:
+    """A goal on the ground.
+
+    Attributes
+    ----------
+    name : str
+    cell : int
+    from_base, to_service : float
+        Ways [m] from base to it, and from it to the service cell.
+    needed : float
+        Range that it takes [m]: both.
+    charge : float or None
+        Charge, 0 to 1, that has this range; above 1 none has; None where no energy is given.
+    eta, delta : float
+        Cost an epoch and unit of priority, in range and not committed to, and out of range.
+    """
+
+    name: str
+    cell: int
+    from_base: float
+    to_service: float
+    needed: float
+    charge: float | None
+    eta: float
+    delta: float
+
+
+def epoch_seconds(mission: Mission) -> float | None:
+    """Length of an epoch [s], None where no speed is given."""
+    return None if mission.energy is None else epoch_length(mission)
+
+
+def full_range(mission: Mission) -> float | None:
+    """Range on a full battery [m], None where no energy is given."""
+    return None if mission.energy is None else flight_range(mission.energy, 1.0)
+
+
+def worth_a_minute(goal: GoalFacts, seconds: float | None) -> tuple[float, float] | None:
+    """Return eta and delta by the minute, None where the length of an epoch is unknown."""
+    if seconds is None:
+        return None
+    scale = SECONDS_PER_MINUTE / seconds
+    return goal.eta * scale, goal.delta * scale
+
+
+def goal_facts(mission: Mission) -> tuple[GoalFacts, ...]:
+    """Facts of all goals, in the order of the mission."""
+    grid = mission.grid
+    base, service = grid.position(grid.base), grid.position(grid.service)
+    ranges = required_ranges(mission, base)
+    found = []
+    for goal, needed in zip(mission.goals, ranges):
+        place = grid.position(goal.cell)
+        ways = math.dist(base, place), math.dist(place, service)
+        charge = _charge(mission, needed)
+        found.append(GoalFacts(goal.name, goal.cell, *ways, needed, charge, goal.eta, goal.delta))
+    return tuple(found)
+
+
+def _charge(mission: Mission, needed: float) -> float | None:
+    """Charge that has a range: the range grows with it in a straight line."""
+    if mission.energy is None:
+        return None
+    empty, full = (flight_range(mission.energy, charge) for charge in (0.0, 1.0))
+    return (needed - empty) / (full - empty) if full > empty else math.inf
+
+
+def marks(mission: Mission) -> dict[int, str]:
+    """Base, service and goals by their cell: B, S, and goals numbered from 1, as in `BS1,2`."""
+    found: dict[int, str] = {}
+    places = [(mission.grid.base, 'B'), (mission.grid.service, 'S')]
+    places += [(goal.cell, str(number)) for number, goal in enumerate(mission.goals, 1)]
+    for cell, mark in places:
+        before = found.get(cell, '')
+        found[cell] = f'{before},{mark}' if before[-1:].isdigit() else before + mark
+    return found
+
+
+def onsets(mission: Mission) -> dict[int, float]:
+    """Cells with a chance of threats of their own, that differs from the ordinary one."""
+    return {cell: p for cell, p in mission.threat.zones if p != mission.threat.onset}
+
+
+def duration_text(seconds: float) -> str:
+    """Return a duration for people."""
+    for unit, length in (('years', 365.25 * 86_400), ('days', 86_400), ('h', 3600), ('min', 60)):
+        if seconds >= 2 * length:
+            count = seconds / length
+            return f'{count:,.0f} {unit}' if count < 1e6 else f'{count:.0e} {unit}'
+    return f'{seconds:.2g} s' if seconds < 10 else f'{seconds:.0f} s'

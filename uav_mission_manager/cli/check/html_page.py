@@ -1,0 +1,132 @@
+"""One HTML page of a mission: map, legend and goals; it loads nothing from anywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from string import Template
+
+from uav_mission_manager.cli.check.facts import (
+    epoch_seconds,
+    full_range,
+    goal_facts,
+    worth_a_minute,
+)
+from uav_mission_manager.cli.check.finding import Finding
+from uav_mission_manager.cli.check.places import reaches
+from uav_mission_manager.cli.check.svg_map import svg_map
+from uav_mission_manager.echo import shown
+from uav_mission_manager.mdp import Mission
+
+PAGE = Template("""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">
+<title>$title</title>
+<style>
+body{font:16px/1.45 system-ui,sans-serif;color:#2b2a26;background:#fff;
+margin:1.5rem auto;max-width:62rem;padding:0 1rem}
+h1{font-size:1.4rem;margin:0 0 .2rem;overflow-wrap:anywhere}p{margin:.2rem 0 1rem}
+svg{width:100%;max-height:80vh}
+table{border-collapse:collapse;width:100%;margin:1rem 0}
+th,td{padding:.3rem .6rem;border-bottom:1px solid #e4e0d6;text-align:right;white-space:nowrap}
+th:nth-child(-n+2),td:nth-child(-n+2){text-align:left;overflow-wrap:anywhere;white-space:normal}
+.legend{display:flex;flex-wrap:wrap;gap:.4rem 1.4rem;list-style:none;padding:0;font-size:.9rem}
+.legend svg{width:1.6rem;height:1.1rem;vertical-align:-.2rem;margin-right:.4rem;font-size:8px}
+</style>
+</head>
+<body>
+<h1>$title</h1>
+<p>$summary</p>
+$map
+<ul class="legend">
+$legend
+</ul>
+<table>
+<thead><tr><th>#</th><th>goal</th><th>cell</th><th>from base</th><th>to service</th><th>needs</th>
+<th>charge</th><th>eta, delta</th><th>worth a minute</th></tr></thead>
+<tbody>
+$goals
+</tbody>
+</table>
+$findings
+</body>
+</html>
+""")
+
+BOX = '<rect class="{kind}" width="24" height="16"/>'
+MAP_LEGEND = (
+    ('base, where it starts', BOX.format(kind='base-sign')),
+    ('service, where it is recharged and repaired', BOX.format(kind='service-sign')),
+    ('goal, by its number below', '<circle class="goal" cx="12" cy="8" r="7.5"/>'),
+    ('threats likelier than elsewhere', BOX.format(kind='zone')),
+    ('threats less likely', BOX.format(kind='calm')),
+    ('way from base', '<line class="there" x1="0" y1="8" x2="24" y2="8"/>'),
+    ('on to service', '<line class="onward" x1="0" y1="8" x2="24" y2="8"/>'),
+)
+
+
+def html_page(mission: Mission, findings: Sequence[Finding]) -> str:
+    """Return the page."""
+    legend = [*MAP_LEGEND, *_reach_legend(mission)]
+    return PAGE.substitute(
+        title=escape(f'Mission {shown(mission.name)}'),
+        summary=escape(_summary(mission)),
+        map=svg_map(mission),
+        legend='\n'.join(
+            f'<li><svg viewBox="0 0 24 16">{sign}</svg>{escape(text)}</li>'
+            for text, sign in legend
+        ),
+        goals='\n'.join(_rows(mission)),
+        findings=_list(findings),
+    )
+
+
+def _summary(mission: Mission) -> str:
+    grid, seconds, had = mission.grid, epoch_seconds(mission), full_range(mission)
+    text = f'{grid.rows} x {grid.cols} cells of {grid.cell_size:g} m'
+    if seconds is not None and had is not None:
+        text += f'; an epoch takes {seconds:.4g} s; range on a full battery {had:,.0f} m'
+    if grid.origin is not None:
+        text += f'; cell 0 at {grid.origin.latitude:.6f}, {grid.origin.longitude:.6f} deg'
+    return text
+
+
+def _reach_legend(mission: Mission) -> list[tuple[str, str]]:
+    rings = [f'{ring.charge:.0%}: {ring.distance:,.0f} m' for ring in reaches(mission)]
+    if not rings:
+        return []
+    sign = '<ellipse class="reach" cx="12" cy="8" rx="11" ry="7"/>'
+    text = 'in range from base, there and on to service, by charge (where it ends on the map): '
+    return [(text + ', '.join(rings), sign)]
+
+
+def _rows(mission: Mission) -> list[str]:
+    rows = []
+    for number, goal in enumerate(goal_facts(mission), 1):
+        worth = worth_a_minute(goal, epoch_seconds(mission))
+        cells = (
+            str(number),
+            shown(goal.name),
+            str(goal.cell),
+            f'{goal.from_base:,.0f} m',
+            f'{goal.to_service:,.0f} m',
+            f'{goal.needed:,.0f} m',
+            '' if goal.charge is None else f'{goal.charge:.0%}',
+            f'{goal.eta:.4g}, {goal.delta:.4g}',
+            '' if worth is None else f'{worth[0]:.4g}, {worth[1]:.4g}',
+        )
+        rows.append(f'<tr>{"".join(f"<td>{escape(cell)}</td>" for cell in cells)}</tr>')
+    return rows
+
+
+def _list(findings: Sequence[Finding]) -> str:
+    if not findings:
+        return '<p>Nothing implausible was found.</p>'
+    items = ''.join(
+        f'<li>{"note: " if finding.note else ""}{escape(str(finding))}</li>'
+        for finding in findings
+    )
+    return f'<ul>{items}</ul>'

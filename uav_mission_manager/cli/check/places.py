@@ -1,0 +1,90 @@
+"""Cells, goals, ways and ranges of a mission as shapes in metres; pages and files draw them.
+
+Here is where other areas of a mission file, such as fences, become shapes too.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from uav_mission_manager.mdp import Grid, Mission
+from uav_mission_manager.onboard.range_model import flight_range
+
+Point = tuple[float, float]
+"""East and north [m] from the centre of cell 0."""
+
+RING_CHARGES = (1.0, 0.75, 0.5, 0.25)
+"""Charges of which the reach is drawn: a choice."""
+
+
+RING_POINTS = 180
+"""Corners by which an ellipse is drawn: no eye sees them."""
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Where a goal may lie to be in range at base.
+
+    Attributes
+    ----------
+    charge : float
+        State of charge, 0 to 1.
+    distance : float
+        Range [m]: from base there and on to the service cell.
+    ring : tuple of (float, float)
+        East and north [m] of the ellipse around it, from its northern side on; closed.
+    """
+
+    charge: float
+    distance: float
+    ring: tuple[Point, ...]
+
+
+def corners(grid: Grid, first: int, last: int) -> tuple[Point, ...]:
+    """Corners of the rectangle from one cell to another one south-east of it, counter-clockwise.
+
+    The first one is repeated at the end.
+    """
+    half = grid.cell_size / 2
+    (west, north), (east, south) = grid.position(first), grid.position(last)
+    west, east, south, north = west - half, east + half, south - half, north + half
+    return (west, south), (east, south), (east, north), (west, north), (west, south)
+
+
+def outline(grid: Grid) -> tuple[Point, ...]:
+    """Corners of the whole grid, see `corners`."""
+    return corners(grid, 0, grid.q - 1)
+
+
+def reaches(mission: Mission) -> list[Reach]:
+    """Return the reach of each of `RING_CHARGES` that has any."""
+    grid, energy = mission.grid, mission.energy
+    if energy is None:
+        return []
+    base, service = grid.position(grid.base), grid.position(grid.service)
+    ranges = {charge: flight_range(energy, charge) for charge in RING_CHARGES}
+    return [
+        Reach(charge, distance, _ellipse(base, service, distance))
+        for charge, distance in ranges.items()
+        if distance > math.dist(base, service)
+    ]
+
+
+def _ellipse(focus: Point, other: Point, distance: float) -> tuple[Point, ...]:
+    """All points whose distances to two points sum to this one."""
+    east, north = (other[0] - focus[0]) / 2, (other[1] - focus[1]) / 2
+    middle, apart = (focus[0] + east, focus[1] + north), math.hypot(east, north)
+    turn = math.atan2(north, east)
+    along, across = distance / 2, math.sqrt((distance / 2) ** 2 - apart**2)
+    found = []
+    for step in range(RING_POINTS + 1):
+        angle = math.pi / 2 - turn + 2 * math.pi * step / RING_POINTS
+        x, y = along * math.cos(angle), across * math.sin(angle)
+        found.append(
+            (
+                middle[0] + x * math.cos(turn) - y * math.sin(turn),
+                middle[1] + x * math.sin(turn) + y * math.cos(turn),
+            )
+        )
+    return tuple(found)
