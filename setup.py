@@ -11,6 +11,7 @@ NAME = 'uav_mission_manager'
 COMMANDS = {
     'policy_build': 'cli.policy_build',
     'policy_query': 'cli.policy_query',
+    'mission_new': 'cli.mission_new',
     'mission_simulate': 'cli.mission_simulate',
     'mission_check': 'cli.mission_check',
     'demo': 'cli.demo',
@@ -67,6 +68,7 @@ setup(
         'test': requirements('-dev'),
         'ros': requirements('-ros-wheels'),  # The nodes, where no ROS is sourced.
         'cluster': requirements('-cluster'),  # policy_build --scheduler.
+        'plan': requirements('-plan'),  # mission_new.
         'plot': requirements('-plot'),  # mission_simulate --plot.
     },
     entry_points={

@@ -50,6 +50,23 @@ def expanded(text: str) -> Path:
     return Path(path)
 
 
+def file_content(path: Path, most: int) -> bytes:
+    """Return the bytes of a regular file of at most `most` of them.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
+    ValueError
+        If it has more.
+    """
+    with open(opened_file(path), 'rb') as file:
+        content = file.read(most + 1)
+    if len(content) > most:
+        raise ValueError(f'more than {most:,} bytes')
+    return content
+
+
 def opened_file(path: Path, flags: int = os.O_RDONLY) -> int:
     """Return a descriptor of a regular file: a pipe or a device may let its reader wait for ever.
 

@@ -137,9 +137,7 @@ def test_a_large_file_is_read_no_further_than_needed(tmp_path):
     path = tmp_path / 'large.yaml'
     path.touch()
     os.truncate(path, 1 << 40)
-    with pytest.raises(
-        MissionError, match=r'large\.yaml: is no mission file: more than 8,000,000 '
-    ):
+    with pytest.raises(MissionError, match=r'large\.yaml: cannot be read: more than 8,000,000 '):
         load_mission(path)
 
 

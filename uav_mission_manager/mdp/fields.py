@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from uav_mission_manager.echo import quoted
+from uav_mission_manager.mdp.areas import MAX_CORNERS, Polygon
 from uav_mission_manager.mdp.mission import Matrix, Row
 
 ROW_SUM_TOLERANCE = 1e-9
@@ -194,6 +195,42 @@ def matrix(rows: int, check_row: Check[Row]) -> Check[Matrix]:
 
 
 _three_probabilities = row(3, probability)
+
+
+latitude = within(-89.0, 89.0)
+"""Check a latitude [deg]: beyond 89 a local plane with an east axis makes no sense."""
+
+longitude = within(-180.0, 180.0)
+"""Check a longitude [deg]."""
+
+
+def _corner(value: Any) -> tuple[float, float]:
+    if not isinstance(value, (list, tuple)) or len(value) != 2:
+        raise Bad(f'{quoted(value)} is not a corner [latitude, longitude]')
+    return latitude(value[0]), longitude(value[1])
+
+
+def _polygon(value: Any) -> Polygon:
+    if not isinstance(value, (list, tuple)) or not 3 <= len(value) <= MAX_CORNERS:
+        raise Bad(f'{quoted(value)} is not a list of 3 to {MAX_CORNERS} corners')
+    return tuple(_corner(corner) for corner in value)
+
+
+polygon = Check(
+    _polygon,
+    {
+        'type': 'array',
+        'items': {
+            'type': 'array',
+            'prefixItems': [dict(latitude.schema), dict(longitude.schema)],
+            'items': False,
+            'minItems': 2,
+        },
+        'minItems': 3,
+        'maxItems': MAX_CORNERS,
+    },
+)
+"""Check a list of corners [latitude, longitude] in degrees."""
 
 
 def _distribution(value: Any) -> Row:

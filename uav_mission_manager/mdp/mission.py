@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from uav_mission_manager.mdp.areas import Areas
 from uav_mission_manager.mdp.grid import Grid
 
 Row = tuple[float, ...]
@@ -179,6 +180,9 @@ class Mission:
         Cost of a cell width between the UAV and its destination, an epoch.
     energy : Energy or None
         Needed on board, not to plan.
+    areas : Areas
+        Fence and no-fly areas. No part of the decision process: missions that differ in nothing
+        else are equal and have one digest.
     """
 
     name: str
@@ -192,6 +196,7 @@ class Mission:
     distance_weight: float
     service_cost: ServiceCost = ServiceCost()
     energy: Energy | None = None
+    areas: Areas = field(default=Areas(), compare=False)
 
     @property
     def k(self) -> int:
@@ -213,9 +218,14 @@ class Mission:
             del data['grid']['elevation']
         if self.energy is None:
             del data['energy']
+        data['areas'] = {key: value for key, value in data['areas'].items() if value}
+        if not data['areas']:
+            del data['areas']
         return data
 
     def digest(self) -> str:
-        """SHA-256 of the mission in canonical JSON."""
-        text = json.dumps(self.to_dict(), sort_keys=True, separators=(',', ':'))
+        """SHA-256 of the mission in canonical JSON, without its areas."""
+        text = json.dumps(
+            replace(self, areas=Areas()).to_dict(), sort_keys=True, separators=(',', ':')
+        )
         return hashlib.sha256(text.encode()).hexdigest()

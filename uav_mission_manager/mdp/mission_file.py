@@ -16,6 +16,7 @@ import yaml
 from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.geodesy import Origin
 from uav_mission_manager.mdp import fields
+from uav_mission_manager.mdp.areas import Areas, NoFlyArea, Polygon, fault_of_polygon
 from uav_mission_manager.mdp.epoch import Epoch
 from uav_mission_manager.mdp.fields import Bad
 from uav_mission_manager.mdp.grid import Grid
@@ -35,7 +36,7 @@ from uav_mission_manager.mdp.mission import (
 from uav_mission_manager.mdp.mission_table import MAX_CELLS, MISSION_TABLE
 from uav_mission_manager.mdp.strict_yaml import read_yaml
 from uav_mission_manager.mdp.tables import CELL_NUMBER, MissionError, Section, as_given
-from uav_mission_manager.paths import opened_file
+from uav_mission_manager.paths import file_content
 
 MAX_FILE_BYTES = 8_000_000
 """Bytes of a mission file at most: a choice, several times those of one with 90,000 zones."""
@@ -50,16 +51,10 @@ def load_mission(path: str | Path) -> Mission:
         If the file cannot be read, is not YAML or holds a bad, missing or unknown field.
     """
     try:
-        with open(opened_file(Path(path)), 'rb') as file:
-            content = file.read(MAX_FILE_BYTES + 1)
-        text = content.decode()
+        text = file_content(Path(path), MAX_FILE_BYTES).decode()
     except (OSError, ValueError) as error:
         problem = shown(getattr(error, 'strerror', None) or error)  # Not the path once more.
         raise MissionError(f'{shown(path)}: cannot be read: {problem}') from error
-    if len(content) > MAX_FILE_BYTES:
-        raise MissionError(
-            f'{shown(path)}: is no mission file: more than {MAX_FILE_BYTES:,} bytes'
-        )
     try:
         data = read_yaml(text)
     except (yaml.YAMLError, RecursionError) as error:
@@ -98,6 +93,7 @@ def mission_from_dict(data: Any, source: str) -> Mission:
             ),
         ),
         energy=energy,
+        areas=root.below('areas', lambda section: _areas(section, grid)) or Areas(),
     )
 
 
@@ -175,6 +171,26 @@ def _all(section: Section) -> dict[str, Any]:
 
 def _energy(section: Section) -> Energy:
     return Energy(**_all(section))
+
+
+def _areas(section: Section, grid: Grid) -> Areas:
+    origin = grid.origin
+    if origin is None:
+        raise MissionError(f'{shown(section.source)}: areas: need grid.origin, which is missing')
+
+    def sound(polygon: Polygon) -> Polygon:
+        if fault := fault_of_polygon(polygon, origin):
+            raise Bad(fault)
+        return polygon
+
+    no_fly: list[NoFlyArea] = []
+    for entry in section.entries('no_fly') if 'no_fly' in section else ():
+        area = NoFlyArea(entry.get('name'), entry.get('polygon', sound))
+        if area.name in [other.name for other in no_fly]:
+            entry.fail('name', f'{quoted(area.name)} is the name of another no-fly area')
+        no_fly.append(area)
+    fence = section.get('fence', sound) if 'fence' in section else None
+    return Areas(fence, tuple(no_fly))
 
 
 def _goals(

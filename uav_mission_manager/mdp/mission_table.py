@@ -36,9 +36,8 @@ def _modes(check: Check[float]) -> Table:
 
 _ORIGIN = Table(
     (
-        # Beyond 89 degrees a local plane with an east axis makes no sense.
-        Field('latitude', fields.within(-89.0, 89.0), '[deg]'),
-        Field('longitude', fields.within(-180.0, 180.0), '[deg]'),
+        Field('latitude', fields.latitude, '[deg]'),
+        Field('longitude', fields.longitude, '[deg]'),
         # Dry land lies between -430 and 8850 m.
         Field('altitude', fields.within(-500.0, 9000.0), 'above mean sea level [m]'),
     )
@@ -234,6 +233,20 @@ _ENERGY = Table(
     )
 )
 
+_NO_FLY = Table(
+    (
+        Field('name', fields.name, 'unique, without white space'),
+        Field('polygon', fields.polygon, 'corners [latitude, longitude], in order [deg]'),
+    )
+)
+
+_AREAS = Table(
+    (
+        Field('fence', fields.polygon, 'to stay inside: corners, as of no_fly [deg]', None),
+        Field('no_fly', Entries(_NO_FLY), 'to stay outside', None),
+    )
+)
+
 MISSION_TABLE = Table(
     (
         Field('name', fields.name, 'of the mission, without white space'),
@@ -264,6 +277,7 @@ MISSION_TABLE = Table(
         ),
         Field('service_cost', _SERVICE_COST, 'at the service cell', {}),
         Field('energy', _ENERGY, 'range model, needed on board and for physical units', None),
+        Field('areas', _AREAS, 'no part of the decision process; needs grid.origin', None),
     ),
     ((('discount',), ('horizon',)), ONE_WAY_OF_PRIORITIES),
 )

@@ -1,0 +1,5 @@
+"""Run the command."""
+
+from uav_mission_manager.cli.mission_new import main
+
+raise SystemExit(main())

@@ -1,0 +1,150 @@
+"""From the options to a mission file, and what is said about it."""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+from uav_mission_manager.cli.mission_new.found import Found, valid_name
+from uav_mission_manager.cli.mission_new.geojson import read_geojson
+from uav_mission_manager.cli.mission_new.geometry import warnings_of
+from uav_mission_manager.cli.mission_new.json_value import read_json
+from uav_mission_manager.cli.mission_new.kml import read_kml
+from uav_mission_manager.cli.mission_new.layout import (
+    chosen_size,
+    fitting_size,
+    laid_out,
+    require_separate_cells,
+)
+from uav_mission_manager.cli.mission_new.mission_text import mission_text
+from uav_mission_manager.cli.mission_new.qgc_plan import read_plan
+from uav_mission_manager.cli.mission_new.report import print_report
+from uav_mission_manager.cli.mission_new.selection import Selection, select
+from uav_mission_manager.echo import quoted, shown
+from uav_mission_manager.likeness import nearest
+from uav_mission_manager.mdp import Grid, Mission, MissionError, mission_from_dict
+from uav_mission_manager.mdp.mission_file import MAX_FILE_BYTES
+from uav_mission_manager.mdp.strict_yaml import read_yaml
+from uav_mission_manager.onboard.range_model import FULL_CHARGE, flight_range, required_ranges
+from uav_mission_manager.paths import file_content
+
+DEFAULT_SPEED = 5.0
+"""Speed of flight [m/s]: a guess."""
+
+LONGEST_EPOCH = 300.0
+"""Time for one step from cell to cell at most [s]: a choice; nothing is decided on the way."""
+
+
+def make(options: argparse.Namespace) -> None:
+    """Write the mission file that the options ask for, and say what is in it.
+
+    Raises
+    ------
+    MissionError, OSError
+        Then nothing is written.
+    """
+    out = Path(options.out)
+    if not out.parent.is_dir():
+        raise FileNotFoundError(f'--out: there is no folder {shown(out.parent)}')
+    if out.exists() and not options.force:
+        raise FileExistsError(f'{shown(out)}: exists; --force overwrites it')
+    found = _read(options.file) if options.file is not None else Found('options')
+    selection = select(found, options)
+    grid, why = _grid(selection, options)
+    require_separate_cells(grid, selection.goals)
+    speed = (options.speed, '--speed') if options.speed else found.speed
+    speed = speed or (DEFAULT_SPEED, 'a guess')
+    if grid.cell_size / speed[0] > LONGEST_EPOCH:
+        raise MissionError(
+            f'cells of {grid.cell_size:g} m at {speed[0]:g} m/s: a step takes '
+            f'{grid.cell_size / speed[0]:.0f} s, more than {LONGEST_EPOCH:g}; make --cell smaller'
+        )
+    height = (options.altitude, '--altitude') if options.altitude else found.height
+    name = options.name or valid_name(out.stem)
+    notes = [*_notes(found, height), f'The size of cells: {why}.']
+    text = mission_text(name, selection, grid, _worths(selection, options), speed, notes)
+    mission = mission_from_dict(read_yaml(text), str(out))
+    _write(text, out)
+    print_report(out, mission, selection, found, why, speed, height)
+    for warning in (*_out_of_range(mission), *warnings_of(mission, selection.goals)):
+        warnings.warn(warning, stacklevel=2)
+
+
+def _read(file: str) -> Found:
+    """Read a file by what it is, whatever it is called."""
+    try:
+        content = file_content(Path(file), MAX_FILE_BYTES)
+    except (OSError, ValueError) as error:
+        problem = shown(getattr(error, 'strerror', None) or error)  # Not the path once more.
+        raise MissionError(f'{shown(file)}: cannot be read: {problem}') from error
+    if content.startswith(b'PK'):
+        raise MissionError(
+            f'{shown(file)}: is an archive, KMZ perhaps: unzip it, and give doc.kml'
+        )
+    if content.lstrip(b'\xef\xbb\xbf \t\r\n').startswith(b'<') or file.endswith('.kml'):
+        return read_kml(content, file)
+    try:
+        text = content.decode('utf-8-sig')
+    except ValueError as error:
+        raise MissionError(f'{shown(file)}: is neither JSON nor KML: {shown(error)}') from error
+    root = read_json(text, file)
+    return read_plan(root) if root['fileType'].value == 'Plan' else read_geojson(root)
+
+
+def _grid(selection: Selection, options: argparse.Namespace) -> tuple[Grid, str]:
+    """Return the grid, and why its cells are of that size."""
+    home, service, goals = selection.home, selection.service, selection.goals
+    places = [home, service, *goals]
+    shape = None
+    if options.rows or options.cols:
+        if options.cell or not (options.rows and options.cols):
+            raise MissionError('--rows and --cols go together, in place of --cell')
+        shape = options.rows, options.cols
+        size = fitting_size(places, *shape)
+        why = f'the least by which {shape[0]} rows and {shape[1]} columns hold all places'
+    elif options.cell:
+        size, why = options.cell, '--cell'
+    else:
+        size, why = chosen_size(home, goals, [service])
+    return laid_out(home, places, service, size, shape), why
+
+
+def _worths(selection: Selection, options: argparse.Namespace) -> dict[str, float]:
+    names = [goal.name for goal in selection.goals]
+    worths = {}
+    for name, worth in options.worth:
+        if valid_name(name) not in names:
+            hint = quoted(nearest(name, names))
+            raise MissionError(f'--worth: {quoted(name)} is no goal; the nearest is {hint}')
+        worths[valid_name(name)] = worth
+    return worths
+
+
+def _notes(found: Found, height: tuple[float, str] | None) -> Iterator[str]:
+    yield f'Made by mission_new from {shown(Path(found.source).name)}.'
+    if height:
+        yield f'Height of flight [m], for the bridge: flight_altitude:={height[0]:g}, {height[1]}.'
+
+
+def _write(text: str, out: Path) -> None:
+    """Write a file in one step: it is there whole or not at all."""
+    with tempfile.TemporaryDirectory(dir=out.parent) as folder:
+        scratch = Path(folder, 'mission')
+        scratch.write_text(text, encoding='utf-8')
+        scratch.replace(out)
+
+
+def _out_of_range(mission: Mission) -> Iterator[str]:
+    """Warn of goals that a full battery does not reach from base, by the guessed energy."""
+    assert mission.energy is not None
+    reach = flight_range(mission.energy, FULL_CHARGE)
+    needed = required_ranges(mission, mission.grid.position(mission.grid.base))
+    for goal, length in zip(mission.goals, needed):
+        if length > reach:
+            yield (
+                f'goal {shown(goal.name)} is {length:.0f} m of flight away, with the way to the '
+                f'service cell; energy gives {max(reach, 0.0):.0f} m'
+            )

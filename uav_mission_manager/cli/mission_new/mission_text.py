@@ -1,0 +1,168 @@
+"""The text of a new mission file: physical units, and a comment at each number."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Iterator, Mapping
+
+from uav_mission_manager.cli.mission_new.layout import cell_of
+from uav_mission_manager.cli.mission_new.selection import Selection
+from uav_mission_manager.mdp import Grid
+from uav_mission_manager.mdp.areas import Polygon
+
+DECIMALS = 7
+"""Decimals of latitudes and longitudes: a centimetre."""
+
+PARAMETERS_TEXT = """
+# From here on every number is a guess to be replaced: docs/mission_file.md says how to come by
+# each. {epoch}
+requests_per_hour: {{low: 2.0, high: 1.0, raised: 1.0}}   # [1/h] how often a goal is asked for
+faults:
+  # Eight values are by fault mode: nominal, sensor, actuator, both, and the same without camera.
+  mtbf: {{sensor: 100.0, actuator: 50.0, camera: 100.0}}   # [h] mean time between failures
+  agile_factor: {{sensor: 1.0, actuator: 2.0, camera: 1.0}}
+  # Time at a goal until it is done [s]:
+  done_in: [{done}, {slow}, {slow}, {slower}, never, never, never, never]
+  repair_in: {repair}   # [s]
+  cost: [0.0, 2.0, 6.0, 10.0, 1.0, 3.0, 7.0, 12.0]
+range:
+  lasts: {{normal: {normal}, agile: {agile}}}   # [s] of flight until a goal is out of range
+  cost: 2.0
+threat:
+  per_hour: 1.0   # [1/h] threats; zones_per_hour says it by cell
+  high_share: 0.3
+  lasts: {{low: {low}, high: {high}, rises: 0.2, falls: 0.5}}   # [s]
+  cost:   # none, low, high; normal, agile flight
+    - [0.0, 1.0]
+    - [5.0, 2.0]
+    - [60.0, 10.0]
+distance_weight: 0.1
+energy:
+  speed: {speed!r}   # [m/s] {speed_from}; let the bridge's cruise_speed be the same
+  capacity: 5.0   # [Ah]
+  voltage: 14.8   # [V]
+  power: 250.0   # [W] in flight
+  wind: 5.0   # [m/s] worst wind
+  wind_penalty: 50.0   # [m/(m/s)] range lost to it
+  payload: 0.0   # [kg]
+  payload_penalty: 0.0   # [m/kg] range lost to it
+"""
+"""The part of which no plan says anything."""
+
+GUESSES = {
+    'done': (30.0, 1),
+    'slow': (60.0, 1),
+    'slower': (90.0, 1),
+    'repair': (120.0, 1),
+    'normal': (900.0, 4),
+    'agile': (600.0, 3),
+    'low': (60.0, 2),
+    'high': (40.0, 2),
+    'horizon': (1800.0, 20),
+}
+"""Mean times [s], and how many epochs they are at least: what is shorter the model cannot tell."""
+
+
+def mission_text(
+    name: str,
+    selection: Selection,
+    grid: Grid,
+    worths: Mapping[str, float],
+    speed: tuple[float, str],
+    notes: Iterable[str],
+) -> str:
+    """Return the text of a mission file.
+
+    Parameters
+    ----------
+    name : str
+        Of the mission.
+    selection : Selection
+    grid : Grid
+        With its origin.
+    worths : mapping
+        From goals' names to what they are worth; 1 where it is not there.
+    speed : (float, str)
+        Cruise speed [m/s], and where it is from.
+    notes : iterable of str
+        Lines of the comment at the top.
+    """
+    epoch = grid.cell_size / speed[0]
+    times = {key: f'{max(least, math.ceil(n * epoch)):.1f}' for key, (least, n) in GUESSES.items()}
+    rest = PARAMETERS_TEXT.format(
+        **times,
+        speed=speed[0],
+        speed_from=speed[1],
+        epoch=f'An epoch, one step from cell to cell, takes {epoch:.3g} s.',
+    )
+    head = [f'# {note}' for note in notes]
+    goals = ['goals:', *_goal_lines(selection, grid, worths)]
+    lines = [
+        *head,
+        f'name: {_quoted(name)}',
+        f'horizon: {times["horizon"]}   # [s] for which costs count; a guess',
+        'costs_per: minute   # of the measure of all costs: a goal of worth 1 that is open',
+        *_grid_lines(grid, selection),
+        *goals,
+        *_area_lines(selection),
+    ]
+    return '\n'.join(lines) + rest
+
+
+def _quoted(text: str) -> str:
+    """Return a text as YAML has it: a string in JSON is one."""
+    return json.dumps(text, ensure_ascii=False)
+
+
+def _remark(text: str) -> str:
+    """Return a text from a file as it may stand in a comment."""
+    return ' '.join(''.join(c if c.isprintable() else ' ' for c in text).split())
+
+
+def _grid_lines(grid: Grid, selection: Selection) -> Iterator[str]:
+    origin = grid.origin
+    assert origin is not None
+    guess = '' if selection.home.altitude is not None else '; 0 is a guess'
+    yield 'grid:   # rows from north to south, columns from west to east: it cannot be turned'
+    yield f'  rows: {grid.rows}'
+    yield f'  cols: {grid.cols}'
+    yield f'  base: {grid.base}   # {_remark(selection.home.source)}'
+    yield f'  service: {grid.service}   # {_remark(selection.service.source)}'
+    yield f'  cell_size: {grid.cell_size!r}   # [m]'
+    yield f'  origin:   # centre of cell 0 [deg, deg, m above mean sea level{guess}]'
+    yield f'    latitude: {origin.latitude:.{DECIMALS}f}'
+    yield f'    longitude: {origin.longitude:.{DECIMALS}f}'
+    yield f'    altitude: {origin.altitude!r}'
+
+
+def _goal_lines(selection: Selection, grid: Grid, worths: Mapping[str, float]) -> Iterator[str]:
+    assert grid.origin is not None
+    for goal in selection.goals:
+        cell = cell_of(grid, goal)
+        point = grid.origin.to_local(goal.latitude, goal.longitude)
+        offset = math.dist(point, grid.position(cell))
+        worth = worths.get(goal.name, 1.0)
+        yield (
+            f'  - {{name: {_quoted(goal.name)}, cell: {cell}, worth: {worth!r}}}'
+            f'   # {_remark(goal.source)}: {offset:.0f} m from the centre of its cell'
+        )
+
+
+def _area_lines(selection: Selection) -> Iterator[str]:
+    if selection.fence or selection.no_fly:
+        yield 'areas:   # corners [latitude, longitude]'
+    if selection.fence:
+        yield f'  fence:   # {_remark(selection.fence.source)}'
+        yield from _corner_lines(selection.fence.polygon, '    ')
+    if selection.no_fly:
+        yield '  no_fly:'
+    for outline in selection.no_fly:
+        yield f'    - name: {_quoted(outline.name)}   # {_remark(outline.source)}'
+        yield '      polygon:'
+        yield from _corner_lines(outline.polygon, '        ')
+
+
+def _corner_lines(polygon: Polygon, indent: str) -> Iterator[str]:
+    for latitude, longitude in polygon:
+        yield f'{indent}- [{latitude:.{DECIMALS}f}, {longitude:.{DECIMALS}f}]'
