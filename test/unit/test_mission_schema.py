@@ -24,6 +24,7 @@ VALIDATOR = jsonschema.Draft202012Validator(json.loads(SCHEMA_FILE.read_text()))
 
 NOT_IN_A_SCHEMA = re.compile(
     r'sums to|no cell of|names a cell that|name of another goal|shorter than an epoch|too coarse'
+    r'|corner \d+ is where|cross or touch|is below 1 m2|areas: need'
     r'|[0-9]\.[0-9]+ is not a whole number|energy\.speed|a discount of'
 )
 """What the loader says of files that the schema accepts."""

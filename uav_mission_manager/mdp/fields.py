@@ -223,8 +223,8 @@ polygon = Check(
         'items': {
             'type': 'array',
             'prefixItems': [dict(latitude.schema), dict(longitude.schema)],
-            'items': False,
             'minItems': 2,
+            'maxItems': 2,
         },
         'minItems': 3,
         'maxItems': MAX_CORNERS,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 
 from uav_mission_manager.cli.mission_new.found import Place
@@ -25,14 +26,14 @@ CLEARLY = 0.999
 """What rounding of positions does not make up for: a millimetre in a metre."""
 
 REFINEMENTS = 3
-"""Times that the grid is laid anew in the plane of its own origin: planes lean by millimetres."""
+"""Times that the grid is laid, each in the plane of the origin before: planes lean a little."""
 
 
 def chosen_size(home: Place, goals: Sequence[Place], others: Sequence[Place]) -> tuple[float, str]:
     """Return the width of a cell [m], and why it is so.
 
-    It is the largest of one digit by which there are `CELLS_ALONG` cells or more along the longer side of
-    the ground that the places take up, and each goal has a cell of its own.
+    It is the largest of one digit by which there are at least `CELLS_ALONG` cells along the longer
+    side of the ground that the places take up, and each goal has a cell of its own.
 
     Raises
     ------
@@ -56,22 +57,10 @@ def chosen_size(home: Place, goals: Sequence[Place], others: Sequence[Place]) ->
     return size, why
 
 
-def fitting_size(places: Sequence[Place], rows: int, cols: int) -> float:
-    """Return the least width of a cell [m] by which so many rows and columns hold all places."""
-    plane = Origin(places[0].latitude, places[0].longitude, 0.0)
-    width, height = _extent(_points(places, plane))
-    # A thousandth more, for the plane of the origin leans against this one.
-    return max(math.ceil(1001.0 * max(width / cols, height / rows)) / 1000.0, SMALLEST)
-
-
 def laid_out(
-    home: Place,
-    places: Sequence[Place],
-    service: Place,
-    size: float,
-    shape: tuple[int, int] | None = None,
+    home: Place, places: Sequence[Place], service: Place, by: float | tuple[int, int]
 ) -> Grid:
-    """Return the grid of cells of a size [m] around places, which has as much room on all sides.
+    """Return the grid of square cells around places, which has as much room on all sides.
 
     Parameters
     ----------
@@ -80,27 +69,37 @@ def laid_out(
     places : sequence of Place
         All that must be on it.
     service : Place
-    size : float
-    shape : (rows, cols), optional
-        Default: as few as can be.
+    by : float or (rows, cols)
+        Width of a cell [m], then there are as few as can be; or how many, then they are as small
+        as can be.
 
     Raises
     ------
     MissionError
-        If the size is none.
+        If the cells are too small or too large.
     """
-    if not SMALLEST <= size <= LARGEST:
-        raise MissionError(f'cells of {size:g} m are not within {SMALLEST:g}..{LARGEST:g} m')
     origin = Origin(home.latitude, home.longitude, home.altitude or 0.0)
     for _ in range(REFINEMENTS):
         points = _points(places, origin)
         width, height = _extent(points)
-        rows, cols = shape or (int(height // size) + 1, int(width // size) + 1)
+        rows, cols, size = _dimensions(width, height, by)
+        if not SMALLEST <= size <= LARGEST:
+            raise MissionError(f'cells of {size:g} m are not within {SMALLEST:g}..{LARGEST:g} m')
         east = min(x for x, _ in points) - (cols * size - width) / 2 + size / 2
         north = max(y for _, y in points) + (rows * size - height) / 2 - size / 2
         origin = Origin(*origin.to_geodetic(east, north), origin.altitude)
     grid = Grid(rows, cols, 0, 0, size, origin)
-    return Grid(rows, cols, cell_of(grid, home), cell_of(grid, service), size, origin)
+    return replace(grid, base=cell_of(grid, home), service=cell_of(grid, service))
+
+
+def _dimensions(
+    width: float, height: float, by: float | tuple[int, int]
+) -> tuple[int, int, float]:
+    """Return rows, columns and the width of a cell [m] for ground of a width and height [m]."""
+    if isinstance(by, tuple):
+        size = max(width / by[1], height / by[0]) / CLEARLY
+        return *by, max(math.ceil(100.0 * size) / 100.0, SMALLEST)
+    return int(height // by) + 1, int(width // by) + 1, by
 
 
 def cell_of(grid: Grid, place: Place) -> int:

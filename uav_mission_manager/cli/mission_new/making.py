@@ -15,7 +15,6 @@ from uav_mission_manager.cli.mission_new.json_value import read_json
 from uav_mission_manager.cli.mission_new.kml import read_kml
 from uav_mission_manager.cli.mission_new.layout import (
     chosen_size,
-    fitting_size,
     laid_out,
     require_separate_cells,
 )
@@ -98,18 +97,15 @@ def _grid(selection: Selection, options: argparse.Namespace) -> tuple[Grid, str]
     """Return the grid, and why its cells are of that size."""
     home, service, goals = selection.home, selection.service, selection.goals
     places = [home, service, *goals]
-    shape = None
     if options.rows or options.cols:
         if options.cell or not (options.rows and options.cols):
             raise MissionError('--rows and --cols go together, in place of --cell')
-        shape = options.rows, options.cols
-        size = fitting_size(places, *shape)
-        why = f'the least by which {shape[0]} rows and {shape[1]} columns hold all places'
-    elif options.cell:
-        size, why = options.cell, '--cell'
-    else:
-        size, why = chosen_size(home, goals, [service])
-    return laid_out(home, places, service, size, shape), why
+        grid = laid_out(home, places, service, (options.rows, options.cols))
+        return grid, 'the least by which so many rows and columns hold all places'
+    if options.cell:
+        return laid_out(home, places, service, options.cell), '--cell'
+    size, why = chosen_size(home, goals, [service])
+    return laid_out(home, places, service, size), why
 
 
 def _worths(selection: Selection, options: argparse.Namespace) -> dict[str, float]:
