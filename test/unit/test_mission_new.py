@@ -495,6 +495,22 @@ def test_a_deep_kml_is_read(tmp_path):
     assert [goal.name for goal in mission.goals] == ['a']
 
 
+def test_placemarks_within_each_other_are_read_in_no_time(tmp_path):
+    nested = '<Placemark>' * 50_000 + '</Placemark>' * 50_000
+    content = KML.format(nested + POINT.format('8.001,47.001'))
+    assert made(tmp_path, file_of(tmp_path, content), *HERE).k == 1
+
+
+def test_each_geometry_of_a_placemark_is_taken_once(tmp_path, capsys):
+    point = '<Point><coordinates>{}</coordinates></Point>'
+    line = '<LinearRing><coordinates>8,47 8.1,47 8,47.1</coordinates></LinearRing>'
+    parts = point.format('8.001,47.001') + point.format('8.002,47.003') + line
+    placemark = f'<Placemark><name>a</name><MultiGeometry>{parts}</MultiGeometry></Placemark>'
+    mission = made(tmp_path, file_of(tmp_path, KML.format(placemark)), *HERE)
+    assert [goal.name for goal in mission.goals] == ['a', 'a_2']
+    assert 'a line is neither' in capsys.readouterr().out
+
+
 def test_a_kml_in_another_encoding_is_read(tmp_path):
     text = '<?xml version="1.0" encoding="ISO-8859-1"?>' + KML.format(POINT.format('8.001,47.001'))
     content = text.replace('<name>a', '<name>Zürich').encode('latin-1')

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from xml.etree.ElementTree import Element, ParseError
 
 from defusedxml import DefusedXmlException
@@ -72,15 +73,8 @@ def _name(element: Element) -> str:
 def _read_placemark(found: Found, placemark: Element) -> None:
     name, taken = _name(placemark) or 'unnamed', False
     what = f'placemark {shown(name)}'
-    in_polygons = {
-        id(part)
-        for polygon in placemark.iter()
-        if _kind(polygon) == 'Polygon'
-        for part in polygon.iter()
-        if part is not polygon
-    }
     try:
-        for geometry in placemark.iter():
+        for geometry in _geometries(placemark):
             kind = _kind(geometry)
             if kind == 'Point':
                 _take_point(found, name, _coordinates(_text(geometry, 'coordinates')))
@@ -90,7 +84,7 @@ def _read_placemark(found: Found, placemark: Element) -> None:
                 found.add_outline(name, polygon, what)
                 if geometry.find('{*}innerBoundaryIs') is not None:
                     found.leave_out(what, 'its holes: the area is taken whole')
-            elif kind in LEFT_OUT and id(geometry) not in in_polygons:
+            elif kind in LEFT_OUT:
                 found.leave_out(what, LEFT_OUT[kind])
             else:
                 continue
@@ -99,6 +93,17 @@ def _read_placemark(found: Found, placemark: Element) -> None:
         found.fail(what, str(error))
     if not taken:
         found.leave_out(what, 'it has no geometry')
+
+
+def _geometries(placemark: Element) -> Iterator[Element]:
+    """Yield what is in a placemark, and in its collections, but not what is below these."""
+    waiting = [*reversed(placemark)]
+    while waiting:
+        element = waiting.pop()
+        if _kind(element) == 'MultiGeometry':
+            waiting += reversed(element)
+        else:
+            yield element
 
 
 def _take_point(found: Found, name: str, coordinates: list[list[float]]) -> None:

@@ -43,7 +43,7 @@ def chosen_size(home: Place, goals: Sequence[Place], others: Sequence[Place]) ->
     plane = Origin(home.latitude, home.longitude, 0.0)
     width, height = _extent(_points([home, *goals, *others], plane))
     size = _round_down(max(width, height) / CELLS_ALONG)
-    why = f'about {CELLS_ALONG} cells along the longer side'
+    why = f'at least {CELLS_ALONG} cells along the longer side'
     for one, other, apart in _closest(goals, plane):
         if apart < size:
             size = _round_down(apart)
@@ -99,7 +99,8 @@ def _dimensions(
     if isinstance(by, tuple):
         size = max(width / by[1], height / by[0]) / CLEARLY
         return *by, max(math.ceil(100.0 * size) / 100.0, SMALLEST)
-    return int(height // by) + 1, int(width // by) + 1, by
+    rows, cols = (int(length / CLEARLY // by) + 1 for length in (height, width))
+    return rows, cols, by
 
 
 def cell_of(grid: Grid, place: Place) -> int:
