@@ -20,7 +20,7 @@ from uav_mission_manager.cli.mission_new import main
 from uav_mission_manager.cli.mission_new.found import MAX_FEATURES, Place
 from uav_mission_manager.cli.mission_new.layout import (
     CELLS_ALONG,
-    MOST_CELLS,
+    MOST_CHOSEN_CELLS,
     cell_of,
     chosen_size,
     laid_out,
@@ -336,7 +336,7 @@ def test_the_chosen_grid_holds_all_places_and_separates_goals(home, points):
     assert all(holds(grid, place) for place in (home, *goals))
     assert len({cell_of(grid, goal) for goal in goals}) == len(goals)
     assert max(grid.rows, grid.cols) > CELLS_ALONG or size == 5.0
-    assert grid.q <= MOST_CELLS * 1.05
+    assert grid.q <= MOST_CHOSEN_CELLS * 1.05
 
 
 @given(HOMES, PLACES, st.integers(1, 30), st.integers(1, 30))

@@ -16,7 +16,7 @@ CELLS_ALONG = 10
 """Cells along the longer side of the grid, unless goals are closer together: a choice. With more,
 a goal is nearer to the centre of its cell, and the mission takes longer to solve."""
 
-MOST_CELLS = 2500
+MOST_CHOSEN_CELLS = 2500
 """Cells of a grid whose size is chosen here: a choice, some seconds for three goals."""
 
 SMALLEST, LARGEST = 5.0, 5000.0
@@ -49,10 +49,10 @@ def chosen_size(home: Place, goals: Sequence[Place], others: Sequence[Place]) ->
             size = _round_down(apart)
             why = f'{shown(one.name)} and {shown(other.name)} are {apart:.0f} m apart'
     cells = (width // size + 1) * (height // size + 1)
-    if cells > MOST_CELLS:
+    if cells > MOST_CHOSEN_CELLS:
         raise MissionError(
             f'{why}: cells of {size:g} m which separate them would be {cells:,.0f}, more than '
-            f'{MOST_CELLS:,}; leave one out, or give --cell'
+            f'{MOST_CHOSEN_CELLS:,}; leave one out, or give --cell'
         )
     return size, why
 
