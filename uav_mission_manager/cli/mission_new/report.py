@@ -13,6 +13,9 @@ from uav_mission_manager.cli.mission_new.selection import Selection
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import Mission
 
+MOST_ROWS = 500
+"""Things left out that are shown: a choice, more than anybody reads."""
+
 COLUMNS = 80
 """Width where the output is not a terminal."""
 
@@ -45,8 +48,10 @@ def print_report(
     console.print(table)
     if found.left_out:
         table = _table('left out', 'because')
-        for what, reason in found.left_out:
+        for what, reason in found.left_out[:MOST_ROWS]:
             table.add_row(shown(what), shown(reason))
+        if len(found.left_out) > MOST_ROWS:
+            table.add_row(f'and {len(found.left_out) - MOST_ROWS:,} more', '')
         console.print(table)
     for line in (
         f'grid: {grid.rows} rows, {grid.cols} columns of {grid.cell_size:g} m: {why}',
