@@ -164,6 +164,8 @@ class Probe(Node):
         self._say(situation)
 
         def decided() -> bool:
+            if not self._heard['state']:
+                return False
             f, *rest, cell, _, level, _ = map(int, self._heard['state'].split())
             g = tuple(rest[len(rest) // 2 :])
             return ((f, g, cell), level) == (situation, self._level)

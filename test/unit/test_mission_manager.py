@@ -181,6 +181,33 @@ def test_a_danger_is_answered_in_the_step_in_which_it_is_heard(policy: Policy) -
             assert said == format_command(MISSION, policy.decide(state).action)
 
 
+@pytest.mark.parametrize('what', ['threat', 'fault'])
+def test_what_to_do_in_a_danger_is_at_hand_when_it_comes(
+    monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    policy = build_policy(MISSION, 'exact')
+    flight = Flight(policy)
+    flight.ask(1, 1, 1)
+    flight.say()
+    flight.manager.foresee()
+    looked_up: list[Any] = []
+    look_up = type(policy).look_up
+    monkeypatch.setattr(
+        type(policy), 'look_up', lambda self, rows: looked_up.append(rows) or look_up(self, rows)
+    )
+    before = flight.manager.situation.state
+    if what == 'threat':
+        flight.threat('high')
+    else:
+        flight.fault = 'actuator'
+    flight.say()
+    assert flight.manager.situation.state != before
+    assert looked_up == []
+    flight.at(7)
+    flight.say()
+    assert looked_up != [], 'else this test would see nothing'
+
+
 def test_the_end_of_a_danger_counts_when_it_has_lasted(flight: Flight) -> None:
     flight.ask(0, 0, 0)
     flight.at(2)

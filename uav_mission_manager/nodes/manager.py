@@ -203,6 +203,8 @@ class Manager(ManagedNode):
         self._remember()
         if changed or repeat:
             self._outputs.explain(outcome, core.situation, now, core.policy.digest)
+        if changed and not isinstance(outcome, Refusal):
+            core.foresee()
 
     def _waits(self, now: float) -> bool:
         """Whether what was wanted before may have been cancelled, and that not heard yet."""

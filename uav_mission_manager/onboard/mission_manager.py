@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from uav_mission_manager.mdp import THREAT_LEVELS, Mission, global_actions
+from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, Mission, global_actions
 from uav_mission_manager.onboard.deciding import Refusal, decide
 from uav_mission_manager.onboard.dwell import StandingCommand, dwell, stay
 from uav_mission_manager.onboard.inputs import index_of
@@ -119,6 +119,17 @@ class MissionManager:
         )
         self.situation = self.situation.after(outcome.action)
         return outcome
+
+    def foresee(self) -> None:
+        """Decide for each threat level and fault mode from here, while there is time.
+
+        The policy remembers it: when a danger comes, what to do then is at hand.
+        """
+        fault, *rest, threat, mode = self.situation.state
+        for level in range(len(THREAT_LEVELS)):
+            self.policy.decide((fault, *rest, level, mode))
+        for number in range(1, len(FAULT_MODES) + 1):
+            self.policy.decide((number, *rest, threat, mode))
 
     def adopt(self, policy: Policy) -> None:
         """Fly on with another policy; the standing command stays.
