@@ -17,6 +17,9 @@ from uav_mission_manager.cli import policy_build, policy_query
 from uav_mission_manager.paths import share_directory
 
 LIMIT = 120
+BUSY_TIME = 1.0
+"""Processor time [s] by which a process that solves has imported what it needs."""
+
 SHIPPED = share_directory() / 'policies' / 'case_study'
 STATE = '--state=1,1,0,1,0,2,1,1,0,2,1'
 
@@ -56,6 +59,25 @@ def session(leader):
     return found
 
 
+def solving(leader):
+    """Processes of a build that have read what they are to do, and do it.
+
+    One that is still reading when the build ends says so, in Python's words.
+    """
+    found = []
+    for pid in session(leader):
+        process = Path(f'/proc/{pid}')
+        try:
+            command, maps = (process / 'cmdline').read_text(), (process / 'maps').read_text()
+            stat = (process / 'stat').read_text().rpartition(')')[2].split()
+        except OSError:
+            continue
+        seconds = sum(map(int, stat[11:13])) / os.sysconf('SC_CLK_TCK')
+        if 'spawn_main' in command and 'numpy' in maps and seconds > BUSY_TIME:
+            found.append(pid)
+    return found
+
+
 @pytest.fixture
 def long_build(tmp_path):
     """A build of minutes in two processes, well under way."""
@@ -66,8 +88,7 @@ def long_build(tmp_path):
     (tmp_path / 'm.yaml').write_text(yaml.safe_dump(document))
     options = ('--method', 'expansion', '--jobs', '2', '--out', tmp_path / 'p')
     process = start('policy_build', tmp_path / 'm.yaml', *options)
-    # This one, a tracker of resources, and the two.
-    until(lambda: len(session(process.pid)) == 4 or process.poll() is not None)
+    until(lambda: len(solving(process.pid)) == 2 or process.poll() is not None)
     yield process
     if process.poll() is None:
         os.killpg(process.pid, signal.SIGKILL)
@@ -93,14 +114,7 @@ def test_processes_of_a_build_end_with_it(long_build):
 
 
 def test_a_process_of_a_build_that_dies(long_build):
-    def workers():
-        return [
-            pid
-            for pid in session(long_build.pid)
-            if 'spawn_main' in Path(f'/proc/{pid}/cmdline').read_text()
-        ]
-
-    os.kill(until(workers)[0], signal.SIGKILL)
+    os.kill(solving(long_build.pid)[0], signal.SIGKILL)
     out, errors = long_build.communicate(timeout=LIMIT)
     assert (out, long_build.returncode) == ('', 1)
     assert errors == (
