@@ -122,6 +122,30 @@ def test_a_process_of_a_build_that_dies(long_build):
     )
 
 
+def test_an_interruption_that_was_lost_is_found():
+    """What a signal raises in a destructor, Python drops."""
+    program = """
+import os, signal
+from uav_mission_manager.cli.errors import look_for_interruption, one_line_errors
+
+class Tidied:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGTERM)
+
+with one_line_errors('x'):
+    look_for_interruption()
+    Tidied()
+    print('lost', flush=True)
+    look_for_interruption()
+    print('not found')
+"""
+    done = subprocess.run(
+        [sys.executable, '-c', program], cwd=share_directory(), capture_output=True, text=True
+    )
+    assert (done.stdout, done.returncode) == ('lost\n', 128 + signal.SIGTERM)
+    assert done.stderr.endswith('x: interrupted\n')
+
+
 @pytest.mark.parametrize('command', ['policy_build', 'policy_query'])
 def test_interrupted_while_its_modules_are_imported(command):
     process = start(command, '--help')

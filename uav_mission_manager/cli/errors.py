@@ -27,6 +27,8 @@ SIGNAL_EXIT = 128
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that ask a command to end: Ctrl-C, a service manager, a terminal that was closed."""
 
+_come: list[int] = []  # signals since the command began
+
 
 class CommandParser(argparse.ArgumentParser):
     """Has `--version` and completion; refuses arguments in one line, with exit code 2."""
@@ -90,6 +92,7 @@ def undisturbed() -> Iterator[None]:
 
 def _prepare(command: str) -> None:
     """Let signals end the command in order, warn in one line, and print what a terminal lacks."""
+    _come.clear()
     for number in STOP_SIGNALS:
         if signal.getsignal(number) != signal.SIG_IGN:  # `nohup` asks to outlive the terminal.
             signal.signal(number, _interrupt)
@@ -101,7 +104,17 @@ def _prepare(command: str) -> None:
             stream.reconfigure(errors='backslashreplace')
 
 
+def look_for_interruption() -> None:
+    """Raise `KeyboardInterrupt` if a signal has come; call it now and then where ROS spins.
+
+    What a signal raises is lost where Python tidies up, as it does after each look of rclpy's.
+    """
+    if _come:
+        raise KeyboardInterrupt(_come[0])
+
+
 def _interrupt(number: int, _: object) -> NoReturn:
+    _come.append(number)
     raise KeyboardInterrupt(number)
 
 

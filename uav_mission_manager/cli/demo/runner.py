@@ -20,7 +20,12 @@ from uav_mission_manager.cli.demo.flight import DemoFlight
 from uav_mission_manager.cli.demo.scenarios import Wait, case_one, three_goals
 from uav_mission_manager.cli.demo.stack import Stack
 from uav_mission_manager.cli.demo.view import View
-from uav_mission_manager.cli.errors import CommandParser, one_line_errors, undisturbed
+from uav_mission_manager.cli.errors import (
+    CommandParser,
+    look_for_interruption,
+    one_line_errors,
+    undisturbed,
+)
 from uav_mission_manager.echo import quoted
 from uav_mission_manager.mdp import Mission, load_mission
 from uav_mission_manager.mdp.fields import positive
@@ -144,6 +149,7 @@ def _play(
         limit = time.monotonic() + MAX_STEP_TIME
         while not reached():
             executor.spin_once(timeout_sec=0.1)
+            look_for_interruption()
             if ended := stack.ended():
                 who = ', '.join(f'{name} (exit code {code})' for name, code in ended.items())
                 flight.view.event(f'ended: {who}; watching what the rest does')
@@ -160,6 +166,7 @@ def _watch(flight: DemoFlight, stack: Stack, executor: SingleThreadedExecutor) -
     limit = time.monotonic() + (MAX_WATCH_TIME if seen else MAX_BLIND_TIME)
     while time.monotonic() < limit:
         executor.spin_once(timeout_sec=0.1)
+        look_for_interruption()
         if seen and flight.home:
             flight.view.event('the vehicle is home and disarmed')
             return
