@@ -88,9 +88,12 @@ def write_whole(path: Path, text: str) -> None:
     Raises
     ------
     OSError
-        If it cannot be written; an old one then stays.
+        If it cannot be written, with its path and why; an old one then stays.
     """
-    with tempfile.TemporaryDirectory(dir=path.parent, prefix=f'.{path.name}.') as folder:
-        fresh = Path(folder) / 'new'
-        fresh.write_text(text, encoding='utf-8')
-        fresh.replace(path)
+    try:
+        with tempfile.TemporaryDirectory(dir=path.parent, prefix=f'.{path.name}.') as folder:
+            fresh = Path(folder) / 'new'
+            fresh.write_text(text, encoding='utf-8')
+            fresh.replace(path)
+    except OSError as error:
+        raise OSError(f'{path}: cannot be written: {error.strerror}') from error

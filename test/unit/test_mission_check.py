@@ -395,3 +395,13 @@ def test_the_charge_is_unknown_where_none_is_enough():
     found = findings(mission_from_dict(document, 'test'))
     assert sum('out of range always' in str(f) for f in found) == 3
     assert not any(math.isnan(f.value) for f in found if isinstance(f.value, float))
+
+
+@pytest.mark.parametrize('option', ['--map', '--geojson'])
+def test_a_file_that_cannot_be_written_is_named(tmp_path, option):
+    place = tmp_path / 'no_folder' / 'out'
+    with pytest.raises(SystemExit) as ended:
+        main([str(CASE_STUDY), option, str(place)])
+    assert ended.value.code == (
+        f'mission_check: {place}: cannot be written: No such file or directory'
+    )

@@ -223,18 +223,16 @@ class Pilot:
         return self._requests.ask(Arm(), Phase.ARMING, task.text, now)
 
     def _needs_a_pilot(self, task: FlightTask) -> PilotOutput:
-        return PilotOutput(
-            Phase.BLOCKED, f'{task.text}: allow_arming is false, a pilot must take off'
-        )
+        why = f'{task.text}: allow_arming is false, a pilot must take off'
+        return PilotOutput(Phase.BLOCKED, why)
 
     # Armed
 
     def _lead(self, telemetry: Telemetry, now: float) -> PilotOutput:
         """Return what to do with a vehicle whose motors run."""
         if not self._authority.here:
-            return PilotOutput(
-                Phase.PILOT, f'{mode_name(telemetry.mode)}; GUIDED gives command here'
-            )
+            why = f'{mode_name(telemetry.mode)}; GUIDED gives command here'
+            return PilotOutput(Phase.PILOT, why)
         if telemetry.fix(now) is None:  # Where a hold began may have been wrong.
             self._hold_point = None
         if self._returning:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import tempfile
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,7 +27,7 @@ from uav_mission_manager.mdp import Grid, Mission, MissionError, mission_from_di
 from uav_mission_manager.mdp.mission_file import MAX_FILE_BYTES
 from uav_mission_manager.mdp.strict_yaml import read_yaml
 from uav_mission_manager.onboard.range_model import FULL_CHARGE, flight_range, required_ranges
-from uav_mission_manager.paths import file_content
+from uav_mission_manager.paths import file_content, write_whole
 
 DEFAULT_SPEED = 5.0
 """Speed of flight [m/s]: a guess."""
@@ -66,7 +65,7 @@ def make(options: argparse.Namespace) -> None:
     notes = [*_notes(found, height), f'The size of cells: {why}.']
     text = mission_text(name, selection, grid, _worths(selection, options), speed, notes)
     mission = mission_from_dict(read_yaml(text), str(out))
-    _write(text, out)
+    write_whole(out, text)
     print_report(out, mission, selection, found, why, speed, height)
     for warning in (*_out_of_range(mission), *warnings_of(mission, selection.goals)):
         warnings.warn(warning, stacklevel=2)
@@ -123,14 +122,6 @@ def _notes(found: Found, height: tuple[float, str] | None) -> Iterator[str]:
     yield f'Made by mission_new from {shown(Path(found.source).name)}.'
     if height:
         yield f'Height of flight [m], for the bridge: flight_altitude:={height[0]:g}, {height[1]}.'
-
-
-def _write(text: str, out: Path) -> None:
-    """Write a file in one step: it is there whole or not at all."""
-    with tempfile.TemporaryDirectory(dir=out.parent) as folder:
-        scratch = Path(folder, 'mission')
-        scratch.write_text(text, encoding='utf-8')
-        scratch.replace(out)
 
 
 def _out_of_range(mission: Mission) -> Iterator[str]:
