@@ -36,8 +36,9 @@ ROOMS = {
     'evaluation': {'ground floor', 'exact', 'recombination'},
 }
 ROS = {'rclpy', 'ament_index_python', 'builtin_interfaces', 'rcl_interfaces', 'std_srvs'}
-COMMON_GROUND = {'paths', 'geodesy', 'echo', 'likeness', 'arguments'}
-"""Modules that import none of the layers and serve all; the earth is the autopilot's too."""
+COMMON_GROUND = {'paths', 'geodesy', 'goal_task', 'echo', 'likeness', 'arguments'}
+"""Modules that import none of the layers and serve all; the earth, and what is done at a
+goal, is the autopilot's too."""
 MODULES = sorted((ROOT / PACKAGE).glob('*/**/*.py'))
 PLAYS_ONE_PART = {'main', 'PARAMETERS'}
 """Names that say a part which many modules play: a command's, and a node's parameters."""

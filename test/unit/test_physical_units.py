@@ -199,7 +199,7 @@ def test_one_thing_in_two_ways(path, value, physical, per_epoch):
     with pytest.raises(MissionError) as error:
         mission_from_dict(document, 'test')
     assert str(error.value) == (
-        f'test: {physical}: is given besides {per_epoch}, which says the same: keep one of them'
+        f'test: {physical}: is given besides {per_epoch}: keep one of them'
     )
 
 

@@ -7,10 +7,18 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
 from uav_mission_manager.autopilot.faults import Fault, FaultEstimator
 from uav_mission_manager.autopilot.link import AutopilotLink
-from uav_mission_manager.autopilot.pilot import NO_POSITION_TO_HOLD, NOT_ACTIVE, Pilot
-from uav_mission_manager.autopilot.task import NO_HEARTBEAT, Phase, PilotOutput
+from uav_mission_manager.autopilot.pilot import Pilot
+from uav_mission_manager.autopilot.task import (
+    NO_HEARTBEAT,
+    NO_POSITION_TO_HOLD,
+    NOT_ACTIVE,
+    Phase,
+    PilotOutput,
+)
 from uav_mission_manager.autopilot.telemetry import (
     BatteryReading,
     Position,
@@ -18,7 +26,7 @@ from uav_mission_manager.autopilot.telemetry import (
     forget,
     update,
 )
-from uav_mission_manager.autopilot.vehicle import REQUESTED_BY, commands
+from uav_mission_manager.autopilot.vehicle import REQUESTED_BY, TakePhoto, commands
 from uav_mission_manager.echo import shown
 
 CAMERA_COMPONENT = 100
@@ -116,7 +124,7 @@ class VehicleBridge:
         return {
             'pilot': self.pilot.memory,
             'faults': self.faults.memory,
-            'camera': self.link.component_age(CAMERA_COMPONENT, 0.0) is not None,
+            'camera': self._camera == CAMERA_COMPONENT,
         }
 
     def restore(self, memory: Mapping[str, Any], written_at: float | None = None) -> None:
@@ -206,7 +214,9 @@ class VehicleBridge:
     def _fly(self, now: float) -> PilotOutput:
         for answer in self.link.take_answers():
             kind = REQUESTED_BY.get(answer.command.number)
-            if kind is not None:
+            if kind is TakePhoto:
+                self.pilot.work.photo_answered(answer.accepted, answer.why)
+            elif kind is not None:
                 self.pilot.answered(kind, answer.accepted, answer.why, now)
         self._look_for_reboot(now)
         output = self.pilot.update(self.telemetry if self.link.up else None, now)
@@ -215,7 +225,7 @@ class VehicleBridge:
             self.link.cancel()
         self.remember(self.memory)
         for request in output.requests:
-            self.link.send(commands(request), now)
+            self.link.send(commands(request, self._camera), now)
         if output.serviced:
             self.faults.serviced()
             self._log.append((False, 'service done'))
@@ -223,6 +233,12 @@ class VehicleBridge:
             warning = output.phase in WARNING_PHASES
             self._log.append((warning, f'{output.phase.value}: {output.status}'))
         return output
+
+    @property
+    def _camera(self) -> int:
+        """Component that takes pictures: a camera, if one was ever heard, else the autopilot."""
+        heard = self.link.component_age(CAMERA_COMPONENT, 0.0) is not None
+        return CAMERA_COMPONENT if heard else mavlink.MAV_COMP_ID_AUTOPILOT1
 
     def _look_for_reboot(self, now: float) -> None:
         """Tell of a reboot between the memory and the first that is heard of the autopilot."""

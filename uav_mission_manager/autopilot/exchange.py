@@ -46,12 +46,14 @@ def short_name(enum: str, value: int) -> str:
 class MavCommand:
     """A MAV_CMD: COMMAND_LONG, or COMMAND_INT where `frame` is given.
 
-    `params` are param1 to param7; as COMMAND_INT params 5 and 6 are degrees.
+    `params` are param1 to param7; as COMMAND_INT params 5 and 6 are degrees. `component` of the
+    vehicle is to do it.
     """
 
     number: int
     params: tuple[float, ...]
     frame: int | None = None
+    component: int = mavlink.MAV_COMP_ID_AUTOPILOT1
 
     @property
     def name(self) -> str:
@@ -62,8 +64,9 @@ class MavCommand:
         message = mavlink.mavlink_map.get(int(self.params[0]))
         return f'{name} {message.msgname if message else int(self.params[0])}'
 
-    def message(self, target: tuple[int, int], confirmation: int) -> Any:
-        """Return the MAVLink message to a system and component, sent for the n-th time again."""
+    def message(self, system: int, confirmation: int) -> Any:
+        """Return the MAVLink message to a system, sent for the n-th time again."""
+        target = system, self.component
         if self.frame is None:
             return mavlink.MAVLink_command_long_message(
                 *target, self.number, confirmation, *self.params
@@ -93,8 +96,9 @@ class _Pending:
     transmissions: int = 1
     progress_since: float | None = None
 
-    def waits_for(self, number: int) -> bool:
-        return self.commands[0].number == number
+    def waits_for(self, number: int, component: int | None = None) -> bool:
+        command = self.commands[0]
+        return command.number == number and component in (None, command.component)
 
 
 @dataclass
@@ -185,8 +189,10 @@ class CommandExchange:
         self._refusal = None
 
     def acknowledge(self, ack: Any, now: float) -> None:
-        """Take note of a COMMAND_ACK."""
-        first = next((n for n, p in self._pending.items() if p.waits_for(ack.command)), None)
+        """Take note of a COMMAND_ACK of the component that was to do it."""
+        component = ack.get_srcComponent()
+        waiting = (n for n, p in self._pending.items() if p.waits_for(ack.command, component))
+        first = next(waiting, None)
         if first is None:
             return
         pending = self._pending[first]

@@ -1,19 +1,16 @@
-"""Flying a task in GUIDED: climb, travel, stay over the destination, complete the goal."""
+"""Flying a task in GUIDED: climb, travel, stay over the destination, do what is done there."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
+from uav_mission_manager.autopilot.goal_work import GoalWork
 from uav_mission_manager.autopilot.leg import Leg
 from uav_mission_manager.autopilot.requests import Requests
 from uav_mission_manager.autopilot.task import FlightTask, Phase, PilotOutput, Settings
 from uav_mission_manager.autopilot.telemetry import Position
 from uav_mission_manager.autopilot.vehicle import Fly
-
-EVENT_REPEAT_PERIOD = 10.0
-"""Time [s] after which a goal that is still commanded is reported as completed, or out of reach,
-again: a choice."""
+from uav_mission_manager.goal_task import Dwell, External
 
 REFUSALS_TO_BLOCK = 2
 """How often in a row the autopilot must refuse a flight to a point until it is out of reach: a
@@ -29,23 +26,22 @@ class TaskFlight:
         Whether a take-off was asked for, whose end is waited for: `progress_timeout` at most.
     """
 
-    def __init__(self, settings: Settings, requests: Requests) -> None:
+    def __init__(self, settings: Settings, requests: Requests, work: GoalWork) -> None:
         self._settings = settings
         self._requests = requests
+        self._work = work
         self.taking_off = False
         self._leg: Leg | None = None
         self._climb_point: Position | None = None
         self._rising_since: float | None = None
-        self._arrived: float | None = None
-        self._reported_at = -math.inf
 
     def retarget(self) -> None:
         """Begin anew for another goal."""
-        self._arrived, self._reported_at = None, -math.inf
+        self._work.retarget()
 
     def interrupt(self) -> None:
-        """Stop where it is: the stay over the destination, and the take-off, begin anew."""
-        self._arrived = self._leg = self._rising_since = None
+        """Stop where it is: the leg, and the take-off, begin anew."""
+        self._leg = self._rising_since = None
         self.taking_off = False
 
     def restart(self) -> None:
@@ -66,9 +62,10 @@ class TaskFlight:
             if now - self._rising_since <= self._settings.progress_timeout:
                 return PilotOutput(Phase.TAKE_OFF, task.text)
         self.taking_off, self._rising_since = False, None
+        goal, task = task, self._work.target(task)
         if not self.over(task, position):
             return self._travel(task, position, now)
-        return self._stay(task, position, now)
+        return self._stay(task, goal, position, now)
 
     def _rising(self, task: FlightTask, position: Position) -> bool:
         return self.taking_off and self._low(task, position)
@@ -80,7 +77,6 @@ class TaskFlight:
 
     def _travel(self, task: FlightTask, position: Position, now: float) -> PilotOutput:
         """Climb where it is, then fly to the destination."""
-        self._arrived = None
         end = self._to(task, task.cruise_altitude)
         if self._low(task, position):
             self._climb_point = point = self._climb_point or position
@@ -89,16 +85,17 @@ class TaskFlight:
         self._climb_point = None
         return self._advance(end, end, Phase.EN_ROUTE, task, position, now)
 
-    def _stay(self, task: FlightTask, position: Position, now: float) -> PilotOutput:
-        """Over the destination: go to its height, and complete the goal there."""
+    def _stay(
+        self, task: FlightTask, goal: FlightTask, position: Position, now: float
+    ) -> PilotOutput:
+        """Over the destination: go to its height, and do there what the goal asks for."""
         self._climb_point = None
         fly = self._to(task, task.altitude)
         if abs(position.altitude - task.altitude) > self._settings.height_tolerance:
-            self._arrived = None
             return self._advance(fly, fly, Phase.EN_ROUTE, task, position, now)
         self._leg = None
         step = self._requests.ask(fly, Phase.ON_SITE, task.text, now)
-        return replace(step, completed=self._complete(task, now))
+        return self._attend(goal, step, now) if goal.goal else step
 
     def _to(self, task: FlightTask, altitude: float) -> Fly:
         speed = self._settings.agile_speed if task.agile else self._settings.cruise_speed
@@ -130,24 +127,26 @@ class TaskFlight:
         if now - leg.blocked_at > patience:
             return PilotOutput(Phase.RETURNING, f'{task.text}: {why}')
         step = self._requests.ask(fly, Phase.BLOCKED, f'{task.text}: {why}', now, position.speed)
-        if not task.goal or not self._report(now):
+        if not task.goal or not self._work.report(now):
             return step
         return replace(step, refused=task.goal, losing_ground=leg.losing_ground)
 
-    def _complete(self, task: FlightTask, now: float) -> str:
-        """Return the goal when the dwell is over, else ''.
+    def _attend(self, task: FlightTask, step: PilotOutput, now: float) -> PilotOutput:
+        """Do what is done at the goal, and report the end of it.
 
-        If the command is still the same 10 s later, the manager missed the completion or wants
-        the goal anew, and it is returned again.
+        If the command is still the same 10 s later, the manager has missed that, and it is
+        reported again.
         """
-        if self._arrived is None:
-            self._arrived = now
-        dwelt = now - self._arrived >= self._settings.goal_dwell
-        return task.goal if task.goal and dwelt and self._report(now) else ''
-
-    def _report(self, now: float) -> bool:
-        """Whether it is time to report what became of the goal, for the first time or again."""
-        due = now - self._reported_at >= EVENT_REPEAT_PERIOD
-        if due:
-            self._reported_at = now
-        return due
+        task = task if task.work else replace(task, work=Dwell(self._settings.goal_dwell))
+        work = self._work
+        status = '; '.join(filter(None, (task.text, work.step(task, now))))
+        if work.failed:
+            why = f'{task.text}: {work.failed}'
+            refused = task.goal if work.report(now) else ''
+            return replace(step, phase=Phase.BLOCKED, status=why, refused=refused)
+        if work.done:
+            return replace(step, completed=task.goal if work.report(now) else '')
+        photo = work.photo(task, now)
+        requests = (*step.requests, photo) if photo else step.requests
+        active = task.goal if isinstance(task.work, External) else ''
+        return replace(step, status=status, requests=requests, active=active)

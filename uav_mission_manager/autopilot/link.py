@@ -150,7 +150,10 @@ class AutopilotLink:
         self.rebooted = False
         messages: list[Any] = []
         for message, address in self._read(now):
-            if self._stale_since is not None or not self._identity.hear(message, address, now):
+            if self._stale_since is not None:
+                continue
+            if not self._identity.hear(message, address, now):
+                self._take_from_component(message, now)
                 continue
             if self._is_overtaken(message, now) and message.get_type() not in EVENTS:
                 continue
@@ -211,15 +214,8 @@ class AutopilotLink:
         if now - self._beat_at < HEARTBEAT_INTERVAL:
             return
         self._beat_at = now
-        heartbeat = mavlink.MAVLink_heartbeat_message(
-            mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
-            mavlink.MAV_AUTOPILOT_INVALID,
-            0,
-            0,
-            mavlink.MAV_STATE_ACTIVE,
-            3,
-        )
-        self._write(heartbeat)
+        ids = mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID
+        self._write(mavlink.MAVLink_heartbeat_message(*ids, 0, 0, mavlink.MAV_STATE_ACTIVE, 3))
 
     def _read(self, now: float) -> Iterator[tuple[Any, Any]]:
         """Yield messages with their senders' addresses.
@@ -254,14 +250,24 @@ class AutopilotLink:
             del self._parsers[next(iter(self._parsers))]
         return parser
 
+    def _take_from_component(self, message: Any, now: float) -> None:
+        """Take an answer of the vehicle's other components: nothing else of them is believed."""
+        origin = message.get_srcSystem(), message.get_srcComponent()
+        theirs = origin[0] == self.target_system and origin[1] != mavlink.MAV_COMP_ID_AUTOPILOT1
+        if theirs and message.get_type() == 'COMMAND_ACK' and self.up:
+            self._acknowledge(message, now)
+
+    def _acknowledge(self, message: Any, now: float) -> None:
+        target = message.target_system, message.target_component
+        own = zip(target, self._own, strict=True)
+        if all(said in (0, mine) for said, mine in own):
+            self._exchange.acknowledge(message, now)
+            self._sort_answers()
+
     def _take(self, message: Any, now: float) -> None:
         kind = message.get_type()
         if kind == 'COMMAND_ACK':
-            target = message.target_system, message.target_component
-            own = zip(target, self._own, strict=True)
-            if all(said in (0, mine) for said, mine in own):
-                self._exchange.acknowledge(message, now)
-                self._sort_answers()
+            self._acknowledge(message, now)
         elif kind == 'STATUSTEXT':
             self._exchange.hear(message, now)
         asked_for = self._streams.seen(message.get_msgId(), now)
@@ -326,8 +332,7 @@ class AutopilotLink:
             self._exchange.send((request,), now)
 
     def _transmit(self, command: MavCommand, confirmation: int) -> None:
-        target = self.target_system, mavlink.MAV_COMP_ID_AUTOPILOT1
-        self._write(command.message(target, confirmation), self._identity.address)
+        self._write(command.message(self.target_system, confirmation), self._identity.address)
 
     def _write(self, message: Any, address: Any = None) -> None:
         """Send to one address where there is one, else to all."""

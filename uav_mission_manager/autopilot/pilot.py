@@ -13,11 +13,15 @@ from typing import Any
 
 from uav_mission_manager.autopilot.authority import Authority
 from uav_mission_manager.autopilot.flying import TaskFlight
+from uav_mission_manager.autopilot.goal_work import GoalWork
 from uav_mission_manager.autopilot.requests import Requests
 from uav_mission_manager.autopilot.service import ServiceStop
 from uav_mission_manager.autopilot.site import Site
 from uav_mission_manager.autopilot.task import (
     NO_HEARTBEAT,
+    NO_POSITION_TO_HOLD,
+    NOT_ACTIVE,
+    UNTIL_RESUME,
     FlightTask,
     Phase,
     PilotOutput,
@@ -37,15 +41,6 @@ from uav_mission_manager.autopilot.vehicle import (
 MIN_HOLD_HEIGHT = 3.0
 """Height above ground [m] below which no position is held: a choice."""
 
-NO_POSITION_TO_HOLD = 'no position to hold; what happens is up to the autopilot and its failsafes'
-"""What the pilot says where it should hold and cannot."""
-
-NOT_ACTIVE = 'the bridge is not active'
-"""Why the pilot obeys nobody while it is not."""
-
-UNTIL_RESUME = 'until ~/resume'
-"""For how long the pilot holds, where it was told to or something has gone wrong."""
-
 
 class Pilot:
     """State machine that flies mission commands; see the module's docstring.
@@ -63,6 +58,8 @@ class Pilot:
         None where nobody says: then a commitment says that its goal is wanted.
     active : bool
         Whether it obeys the manager; in flight it holds otherwise.
+    work : GoalWork
+        What is done at goals.
     """
 
     def __init__(self, settings: Settings, ground: Callable[[float, float], float]) -> None:
@@ -77,7 +74,8 @@ class Pilot:
         self._updated = self._take_off_at = -math.inf
         self._held = self._returning = self._distrusted = ''  # why
         self._landing = False  # in LAND, by an order from here
-        self._flight = TaskFlight(settings, self._requests)
+        self.work = GoalWork(ground)
+        self._flight = TaskFlight(settings, self._requests, self.work)
         self._hold_point: Position | None = None
         self._service = ServiceStop(self._site)
 
@@ -121,6 +119,7 @@ class Pilot:
             'distrusted': self._distrusted,
             'landing': self._landing,
             'authority': self._authority.memory,
+            'work': self.work.memory,
         }
 
     def restore(self, memory: Mapping[str, Any]) -> None:
@@ -128,6 +127,7 @@ class Pilot:
         self._held, self._returning = memory['held'], memory['returning']
         self._distrusted, self._landing = memory['distrusted'], memory['landing']
         self._authority.restore(memory['authority'])
+        self.work.restore(memory.get('work', {}))
 
     def rebooted(self) -> None:
         """Take note of a reboot of the autopilot that nobody saw, since the `memory`."""
@@ -145,6 +145,10 @@ class Pilot:
 
     def update(self, telemetry: Telemetry | None, now: float) -> PilotOutput:
         """Return what to do now; `telemetry` is None while the link is lost."""
+        self.work.watch((output := self._decide(telemetry, now)).phase)
+        return output
+
+    def _decide(self, telemetry: Telemetry | None, now: float) -> PilotOutput:
         last, self._updated = self._updated, now
         if telemetry is None:  # Nothing seen, nothing to take over.
             self._flight.interrupt()
@@ -161,10 +165,8 @@ class Pilot:
         if changed:
             self._requests.clear()
             self._flight.restart()
-        if self._authority.taken:
-            return PilotOutput(
-                Phase.PILOT, f'{self._authority.taken}; ~/resume gives command back'
-            )
+        if taken := self._authority.taken:
+            return PilotOutput(Phase.PILOT, f'{taken}; ~/resume gives command back')
         return self._stand(telemetry, now) if not telemetry.armed else self._lead(telemetry, now)
 
     def _await_manager(self, now: float) -> None:
@@ -329,15 +331,14 @@ class Pilot:
         self._flight.interrupt()
         if telemetry.on_ground:
             return self._stop_motors(Phase.HOLDING, why, telemetry, now)
-        position = telemetry.fix(now)
-        task = self._task
+        position, task = telemetry.fix(now), self._task
         if position is None or (task is not None and self._site.too_far(task, position)):
             return PilotOutput(Phase.HOLDING, f'{why}; {NO_POSITION_TO_HOLD}')
         self._hold_point = point = self._hold_point or position
         if telemetry.mode != FlightMode.GUIDED:
             return self._order(FlightMode.GUIDED, Phase.HOLDING, why, telemetry, now)
-        lowest = self._site.ground(point.latitude, point.longitude) + MIN_HOLD_HEIGHT
-        altitude = max(point.altitude, lowest)
+        ground = self._site.ground(point.latitude, point.longitude)
+        altitude = max(point.altitude, ground + MIN_HOLD_HEIGHT)
         fly = Fly(point.latitude, point.longitude, altitude, self._settings.cruise_speed)
         return self._requests.ask(fly, Phase.HOLDING, why, now, position.speed)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from uav_mission_manager.autopilot.vehicle import Request
+from uav_mission_manager.goal_task import GoalTask
 
 
 class Phase(Enum):
@@ -43,6 +44,10 @@ class FlightTask:
         Land there and stay; otherwise hover, and take off only for a goal.
     service : bool
         Standing there repairs the vehicle.
+    work : GoalTask or None
+        What to do at the goal.
+    points : tuple of (latitude, longitude, altitude)
+        Its waypoints [deg], above mean sea level [m].
     """
 
     text: str
@@ -54,6 +59,8 @@ class FlightTask:
     goal: str = ''
     land: bool = False
     service: bool = False
+    work: GoalTask | None = None
+    points: tuple[tuple[float, float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -73,7 +80,7 @@ class Settings:
     reach : float
         Distance from which a destination cannot be part of a mission flown here [m].
     goal_dwell : float
-        Time on site until a goal is completed [s].
+        Time on site until a goal without a task is completed [s].
     manager_timeout : float
         Time without mission command until the vehicle holds [s].
     rtl_delay : float
@@ -125,9 +132,11 @@ class PilotOutput:
     serviced : bool
         Whether a repair has just been done.
     refused : str
-        The goal that has just been found out of reach, '' for none.
+        The goal that has just been found out of reach, or whose task has failed, '' for none.
     losing_ground : bool
         Whether the vehicle is being carried away, so that no goal is within reach.
+    active : str
+        The goal at which another program is to do its work now, '' for none.
     """
 
     phase: Phase
@@ -137,7 +146,17 @@ class PilotOutput:
     serviced: bool = False
     refused: str = ''
     losing_ground: bool = False
+    active: str = ''
 
+
+NO_POSITION_TO_HOLD = 'no position to hold; what happens is up to the autopilot and its failsafes'
+"""What the pilot says where it should hold and cannot."""
+
+NOT_ACTIVE = 'the bridge is not active'
+"""Why the pilot obeys nobody while it is not."""
+
+UNTIL_RESUME = 'until ~/resume'
+"""For how long the pilot holds, where it was told to or something has gone wrong."""
 
 NO_HEARTBEAT = PilotOutput(Phase.NO_LINK, 'no heartbeat of the autopilot')
 """Nothing to do, for nothing is heard: before the first heartbeat as after the last one."""

@@ -63,7 +63,14 @@ class Fly:
     speed: float
 
 
-Request = SetMode | Arm | TakeOff | Fly
+@dataclass(frozen=True)
+class TakePhoto:
+    """Take a picture, the n-th of the goal."""
+
+    number: int
+
+
+Request = SetMode | Arm | TakeOff | Fly | TakePhoto
 """What may be asked of the vehicle."""
 
 
@@ -72,12 +79,18 @@ REQUESTED_BY: dict[int, type[Request]] = {
     mavlink.MAV_CMD_COMPONENT_ARM_DISARM: Arm,
     mavlink.MAV_CMD_NAV_TAKEOFF: TakeOff,
     mavlink.MAV_CMD_DO_REPOSITION: Fly,
+    mavlink.MAV_CMD_IMAGE_START_CAPTURE: TakePhoto,
 }
 """Kind of request by the command that decides whether it is taken."""
 
 
-def commands(request: Request) -> tuple[MavCommand, ...]:
+def commands(
+    request: Request, camera: int = mavlink.MAV_COMP_ID_AUTOPILOT1
+) -> tuple[MavCommand, ...]:
     """Return the commands of a request, each to be sent when the one before was accepted.
+
+    `camera` is the component that takes pictures. ArduPilot does so since 4.4, and says whether it
+    could; to MAV_CMD_DO_DIGICAM_CONTROL it always answers that it did.
 
     None of them changes the mode but SetMode: nothing else may take the vehicle from a pilot.
     The speed comes after the destination, for ArduCopter forgets it when it starts to fly to one.
@@ -93,6 +106,9 @@ def commands(request: Request) -> tuple[MavCommand, ...]:
         return (MavCommand(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1, 0, 0, 0, 0, 0, 0)),)
     if isinstance(request, TakeOff):
         return (MavCommand(mavlink.MAV_CMD_NAV_TAKEOFF, (0, 0, 0, 0, 0, 0, request.height)),)
+    if isinstance(request, TakePhoto):  # All cameras, one picture each, with its number.
+        params = (0, 0, 1, request.number, 0, 0, 0)
+        return (MavCommand(mavlink.MAV_CMD_IMAGE_START_CAPTURE, params, component=camera),)
     reposition = MavCommand(
         mavlink.MAV_CMD_DO_REPOSITION,
         (-1, 0, 0, math.nan, request.latitude, request.longitude, request.altitude),

@@ -11,6 +11,7 @@ import json
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from uav_mission_manager.goal_task import GoalTask, task_to_dict
 from uav_mission_manager.mdp.areas import Areas
 from uav_mission_manager.mdp.grid import Grid
 
@@ -51,6 +52,9 @@ class Goal:
         while it is out of range (the paper's eta_j and delta_j).
     priority_transition : tuple of 3 rows of 3
         P(g' | g); rows from 0 (achieved), 1 (low), 2 (high).
+    task : GoalTask or None
+        What is done there, None for what the bridge does at every goal. Needed to fly, not to
+        plan.
     """
 
     name: str
@@ -58,6 +62,7 @@ class Goal:
     eta: float
     delta: float
     priority_transition: Matrix
+    task: GoalTask | None = None
 
 
 @dataclass(frozen=True)
@@ -210,6 +215,10 @@ class Mission:
     def to_dict(self) -> dict[str, Any]:
         """Return the mission in the mission file's schema; reading it gives an equal mission."""
         data = asdict(self)
+        for entry, goal in zip(data['goals'], self.goals, strict=True):
+            entry['task'] = goal.task and task_to_dict(goal.task)
+            if goal.task is None:
+                del entry['task']
         data['threat']['zones'] = {str(cell): onset for cell, onset in self.threat.zones}
         if self.grid.origin is None:
             del data['grid']['origin']
@@ -224,8 +233,8 @@ class Mission:
         return data
 
     def digest(self) -> str:
-        """SHA-256 of the mission in canonical JSON, without its areas."""
-        text = json.dumps(
-            replace(self, areas=Areas()).to_dict(), sort_keys=True, separators=(',', ':')
-        )
+        """SHA-256 of the mission in canonical JSON, without its areas and what is done at goals."""
+        goals = tuple(replace(goal, task=None) for goal in self.goals)
+        data = replace(self, goals=goals, areas=Areas()).to_dict()
+        text = json.dumps(data, sort_keys=True, separators=(',', ':'))
         return hashlib.sha256(text.encode()).hexdigest()

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from uav_mission_manager.mdp import fields
 from uav_mission_manager.mdp.areas import Areas, NoFlyArea, Polygon, fault_of_polygon
 from uav_mission_manager.mdp.epoch import Epoch
 from uav_mission_manager.mdp.fields import Bad
+from uav_mission_manager.mdp.goal_tasks import read_task
 from uav_mission_manager.mdp.grid import Grid
 from uav_mission_manager.mdp.mission import (
     ByMode,
@@ -206,7 +208,9 @@ def _goals(
         transition = _priorities(section, epoch) or shared
         if transition is None:
             section.fail('priority_transition', 'is missing')
-        goal = Goal(section.get('name'), section.get('cell', _cell(grid)), eta, delta, transition)
+        name, cell = section.get('name'), section.get('cell', _cell(grid))
+        task = section.below('task', partial(read_task, grid=grid, cell=cell))
+        goal = Goal(name, cell, eta, delta, transition, task)
         if goal.name in (other.name for other in goals):
             section.fail('name', f'{quoted(goal.name)} is the name of another goal too')
         goals.append(goal)

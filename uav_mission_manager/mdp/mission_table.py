@@ -7,6 +7,7 @@ from typing import Any
 
 from uav_mission_manager.mdp import fields
 from uav_mission_manager.mdp.fields import Check
+from uav_mission_manager.mdp.goal_tasks import TASK_TABLE
 from uav_mission_manager.mdp.tables import Cells, Entries, Field, Table
 
 MAX_CELLS = 1_000_000
@@ -104,6 +105,12 @@ _GOAL = Table(
             'unit of priority]',
         ),
         *_PRIORITIES,
+        Field(
+            'task',
+            TASK_TABLE,
+            'what is done there; without, the vehicle stays for goal_dwell of the bridge',
+            None,
+        ),
     ),
     ((('eta', 'delta'), ('worth',)), ONE_WAY_OF_PRIORITIES),
 )

@@ -68,12 +68,12 @@ class Table:
     ----------
     rows : Field
     alternatives : tuple of groups
-        Each group has two ways of saying one thing, each a tuple of keys; a file has one of
-        them. If it has neither, what is missing is the first.
+        Each group has some ways of saying one thing, each a tuple of keys; a file has one of
+        them. If it has none, what is missing is the first.
     """
 
     rows: tuple[Field, ...]
-    alternatives: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = ()
+    alternatives: tuple[tuple[tuple[str, ...], ...], ...] = ()
 
     def field(self, key: str) -> Field:
         """Return the row of a key."""
@@ -113,7 +113,7 @@ class Section:
         for first, other in table.exclusive():
             if first in data and other in data:
                 twin = f'{place}.{first}'.strip('.')
-                self.fail(other, f'is given besides {twin}, which says the same: keep one of them')
+                self.fail(other, f'is given besides {twin}: keep one of them')
 
     def __contains__(self, key: str) -> bool:
         """Whether a field is given."""

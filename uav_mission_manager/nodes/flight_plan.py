@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from uav_mission_manager.autopilot.task import FlightTask
+from uav_mission_manager.goal_task import Waypoint, Waypoints
 from uav_mission_manager.mdp import Action, ActionKind, Mission, Origin
 
 
@@ -22,6 +23,7 @@ class FlightPlan:
             raise ValueError('grid.origin is missing; the bridge needs it to fly')
         self.origin: Origin = mission.grid.origin
         self._mission = mission
+        self._flight_altitude = flight_altitude
         self._above = self.origin.altitude + flight_altitude
         cells = range(mission.grid.rows * mission.grid.cols)
         self._places = [self.origin.to_geodetic(*mission.grid.position(cell)) for cell in cells]
@@ -29,16 +31,27 @@ class FlightPlan:
 
     def task(self, action: Action, text: str) -> FlightTask:
         """Return the task of an action; `text` is its command."""
+        goal = None if action.goal is None else self._mission.goals[action.goal]
+        work = goal.task if goal else None
+        points = work.points if isinstance(work, Waypoints) else ()
         return FlightTask(
             text,
             *self._places[action.destination],
             altitude=self._above + self._mission.grid.ground(action.destination),
             cruise_altitude=self._above + self._highest,
             agile=action.agile,
-            goal='' if action.goal is None else self._mission.goals[action.goal].name,
-            land=action.goal is None and not action.agile,
+            goal=goal.name if goal else '',
+            land=goal is None and not action.agile,
             service=action.kind is ActionKind.REPAIR,
+            work=work,
+            points=tuple(map(self._point, points)),
         )
+
+    def _point(self, point: Waypoint) -> tuple[float, float, float]:
+        """Return latitude, longitude [deg] and altitude above mean sea level [m]."""
+        height = self._flight_altitude if point.height is None else point.height
+        ground = self.ground(point.latitude, point.longitude)
+        return point.latitude, point.longitude, ground + height
 
     def ground(self, latitude: float, longitude: float) -> float:
         """Altitude of the ground above mean sea level [m] at a place [deg], by the mission."""

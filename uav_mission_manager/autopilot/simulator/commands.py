@@ -168,6 +168,13 @@ def _reboot(flight: SimulatedFlight, _link: SimulatedLink, command: ReceivedComm
     return _done(flight.reboot())
 
 
+def _take_picture(flight: SimulatedFlight, _link: SimulatedLink, command: ReceivedCommand) -> int:
+    """One picture; ArduPilot's series by interval are not simulated."""
+    if command.params[2] != 1.0:
+        return UNSUPPORTED
+    return _done(not flight.parameters['SIM_CAM_REFUSE'])
+
+
 def _mode_command(
     mode: SimulatedMode,
 ) -> Callable[[SimulatedFlight, SimulatedLink, ReceivedCommand], int]:
@@ -187,4 +194,5 @@ _HANDLERS: dict[int, Callable[[SimulatedFlight, SimulatedLink, ReceivedCommand],
     mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: _reboot,
     mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: _set_interval,
     mavlink.MAV_CMD_REQUEST_MESSAGE: _request_message,
+    mavlink.MAV_CMD_IMAGE_START_CAPTURE: _take_picture,
 }

@@ -39,6 +39,7 @@ SIMULATED_PARAMETERS = {
     'SIM_RC_FAIL': SimulatedParameter(0.0, INT8, maximum=2.0),  # not 0: no signal
     'SIM_RC3': SimulatedParameter(1000.0, maximum=2200.0),  # not in ArduPilot: throttle [us]
     'SIM_CAM_FAIL': SimulatedParameter(0.0, INT8, maximum=1.0),  # not in ArduPilot
+    'SIM_CAM_REFUSE': SimulatedParameter(0.0, INT8, maximum=1.0),  # not in ArduPilot
     'WPNAV_SPEED': SimulatedParameter(1000.0, minimum=20.0, maximum=2000.0),  # [cm/s]
     'WPNAV_SPEED_UP': SimulatedParameter(250.0, minimum=10.0, maximum=1000.0),
     'WPNAV_SPEED_DN': SimulatedParameter(150.0, minimum=10.0, maximum=500.0),

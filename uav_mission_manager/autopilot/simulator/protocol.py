@@ -83,7 +83,15 @@ class SimulatedAutopilot:
     def _is_for_us(self, message: Any) -> bool:
         system = getattr(message, 'target_system', 0)
         component = getattr(message, 'target_component', 0)
-        return system in (0, self._system) and component in (0, mavlink.MAV_COMP_ID_AUTOPILOT1)
+        ours = component in (0, mavlink.MAV_COMP_ID_AUTOPILOT1) or self._is_for_camera(message)
+        return system in (0, self._system) and ours
+
+    def _is_for_camera(self, message: Any) -> bool:
+        """Whether a camera that works is to take a picture."""
+        to_camera = getattr(message, 'target_component', 0) == mavlink.MAV_COMP_ID_CAMERA
+        command = getattr(message, 'command', None)
+        works = self._camera and not self.flight.parameters['SIM_CAM_FAIL']
+        return works and to_camera and command == mavlink.MAV_CMD_IMAGE_START_CAPTURE
 
     def _send_texts(self) -> None:
         for severity, text in self.flight.texts:
@@ -127,7 +135,8 @@ class SimulatedAutopilot:
         self._acknowledge(link, message, mavlink.MAVLINK_MSG_ID_SET_MODE, result)
 
     def _acknowledge(self, link: SimulatedLink, message: Any, command: int, result: int) -> None:
-        link.send(
+        send = link.send_as_camera if self._is_for_camera(message) else link.send
+        send(
             mavlink.MAVLink_command_ack_message(
                 command, result, 0, 0, message.get_srcSystem(), message.get_srcComponent()
             )
