@@ -17,6 +17,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from uav_mission_manager.autopilot.vehicle import FlightMode
+from uav_mission_manager.goal_task import Dwell, External, GoalTask, Photo, Waypoint, Waypoints
 from uav_mission_manager.mdp import Mission
 
 FLIGHT_ALTITUDE = 20.0
@@ -27,6 +28,7 @@ ORDERS = {
     mavlink.MAV_CMD_DO_REPOSITION,
     mavlink.MAV_CMD_DO_CHANGE_SPEED,
 }
+PICTURE = mavlink.MAV_CMD_IMAGE_START_CAPTURE
 NEEDED_BEFORE_AN_ORDER = {'HEARTBEAT', 'GLOBAL_POSITION_INT', 'EXTENDED_SYS_STATE'}
 
 
@@ -68,9 +70,11 @@ class Chain(ABC):
         self.commands: list[tuple[float, str]] = []
         self.completed: list[str] = []
         self.refused: list[str] = []
+        self.active = ''
+        self.pictures: list[tuple[float, int]] = []  # when taken, and their numbers
         self.heard: set[str] = set()
         self.boots = 0
-        self._boot_time = 0
+        self._boot_time = self._asked_for = 0
 
     # What a crew can do
 
@@ -113,6 +117,10 @@ class Chain(ABC):
     @abstractmethod
     def start_manager(self) -> None:
         """Start it anew."""
+
+    @abstractmethod
+    def answer(self, goal: str, why: str = '') -> None:
+        """Say that a goal is done, or why it has failed, as the program that works there."""
 
     @abstractmethod
     def hold(self) -> tuple[bool, str]:
@@ -232,6 +240,8 @@ class Chain(ABC):
             self.texts.append(message.text)
         elif kind == 'GLOBAL_POSITION_INT':
             self._place(message)
+        elif kind == 'COMMAND_ACK' and message.command == PICTURE and message.result == 0:
+            self.pictures.append((self.now, self._asked_for))
 
     def _place(self, message: Any) -> None:
         if message.time_boot_ms < self._boot_time - 1000:
@@ -248,6 +258,8 @@ class Chain(ABC):
         """Take note of what the bridge sends."""
         if message.get_type() not in ('COMMAND_LONG', 'COMMAND_INT'):
             return
+        if message.command == PICTURE:
+            self._asked_for = int(message.param4)
         if message.command in ORDERS:
             params = tuple(getattr(message, f'param{n}') for n in range(1, 5))
             self.orders.append(Order(self.now, message.command, params, frozenset(self.heard)))
@@ -683,3 +695,151 @@ SCENARIOS = (
     the_bridge_dies_beside_a_ground_station,
 )
 """All scenarios; the bridge has `source_system` 245 in each."""
+
+
+# What is done at a goal
+
+
+def call_away(chain: Chain) -> None:
+    """A low battery calls the vehicle away; when it is recharged, it is sent back."""
+    chain.set('BATT_FS_LOW_ACT', 0)
+    chain.set('BATT_LOW_TIMER', 1)
+    chain.set('SIM_BATT_VOLTAGE', 10.3)
+    chain.until(lambda: chain.command == 'recharge', 'recharge', 30.0)
+    chain.until_down_at(chain.mission.grid.service)
+    chain.set('SIM_BATT_VOLTAGE', 0)
+    chain.set('SIM_BATT_PCT', 100)
+
+
+def on_site(chain: Chain) -> bool:
+    return chain.phase == 'on site' and 'goal2' in chain.command
+
+
+def a_stay_is_taken_up(chain: Chain) -> None:
+    """Time on site counts, whatever is in between."""
+    chain.want(0, 2, 0)
+    chain.until(lambda: on_site(chain), 'on site')
+    begin, stays = chain.now, []
+    chain.spend(8.0)
+    call_away(chain)
+    stays.append(next(time for time, text in chain.commands if text == 'recharge') - begin)
+    chain.until(lambda: on_site(chain), 'on site again', 180.0)
+    begin = chain.now
+    chain.until(lambda: chain.completed, 'goal completed')
+    stays.append(chain.now - begin)
+    assert 8.0 < stays[0] < 20.0, stays
+    assert abs(sum(stays) - 20.0) < 1.0, stays
+
+
+def pictures_are_not_taken_again(chain: Chain) -> None:
+    """Ten, two seconds apart, some before and some after a recharge."""
+    chain.want(0, 2, 0)
+    chain.until(lambda: len(chain.pictures) == 3, 'three pictures')
+    call_away(chain)
+    before = len(chain.pictures)
+    chain.until(lambda: chain.completed, 'goal completed', 180.0)
+    assert 3 <= before < 10
+    assert [number for _, number in chain.pictures] == list(range(1, 11))
+    assert all(later - sooner > 1.9 for (sooner, _), (later, _) in pairwise(chain.pictures))
+
+
+def a_camera_refuses(chain: Chain) -> None:
+    """The goal is refused, and it is said why; another one is flown to."""
+    chain.set('SIM_CAM_REFUSE', 1)
+    chain.want(1, 2, 0)
+    chain.until(lambda: 'goal2' in chain.refused, 'goal2 refused')
+    warned, why = chain.report
+    assert warned
+    assert why.startswith('blocked: commit goal2 normal: no picture: FAILED'), why
+    chain.until(lambda: 'goal1' in chain.completed, 'goal1 completed', 180.0)
+    assert chain.pictures == []
+    assert 'goal2' not in chain.completed
+
+
+ROUND = (
+    *((20.0, 20.0, None), (-20.0, 20.0, None), (-40.0, 0.0, 32.0)),
+    *((-20.0, -20.0, None), (20.0, -20.0, 12.0), (20.0, 0.0, None)),
+)
+"""Waypoints east and north of goal 2 [m], and their heights [m]."""
+
+
+def visits(chain: Chain, begin: int = 0) -> list[int]:
+    """Waypoints in the order in which they were reached, from a sample on."""
+    east, north = chain.mission.grid.position(3)
+    found: list[int] = []
+    for sample in chain.track[begin:]:
+        for number, (x, y, height) in enumerate(ROUND):
+            near = math.dist((sample.east, sample.north), (east + x, north + y)) < 3.0
+            level = abs(sample.height - (height or FLIGHT_ALTITUDE)) < 2.2
+            if near and level and found[-1:] != [number]:
+                found.append(number)
+    return found
+
+
+def a_round_is_taken_up(chain: Chain) -> None:
+    """Waypoints are flown in order, those passed before a recharge not again."""
+    chain.want(0, 2, 0)
+    chain.until(lambda: visits(chain), 'first waypoint')
+    call_away(chain)
+    before, begin = visits(chain), len(chain.track)
+    chain.until(lambda: chain.completed, 'goal completed', 240.0)
+    assert before == list(range(len(before)))
+    assert 0 < len(before) < len(ROUND)
+    assert before + visits(chain, begin) == list(range(len(ROUND)))
+
+
+def another_program_works(chain: Chain) -> None:
+    """It is told when to work, and its word is enough."""
+    chain.want(0, 2, 0)
+    chain.until(lambda: chain.active == 'goal2', 'goal2 active')
+    assert chain.distance(3) < 3.0
+    call_away(chain)
+    assert chain.active == ''
+    chain.until(lambda: chain.active == 'goal2', 'goal2 active again', 180.0)
+    chain.spend(5.0)
+    assert chain.completed == []
+    chain.answer('goal2')
+    chain.until(lambda: not chain.armed, 'landed', 180.0)
+    assert (chain.completed, chain.refused, chain.active) == (['goal2'], [], '')
+
+
+def another_program_fails(chain: Chain) -> None:
+    """The goal is refused, with its word for it."""
+    chain.want(0, 2, 0)
+    chain.until(lambda: chain.active == 'goal2', 'goal2 active')
+    chain.answer('goal2', 'the jar is full')
+    chain.until(lambda: chain.refused, 'goal2 refused', 5.0)
+    chain.until(lambda: not chain.armed, 'landed', 180.0)
+    assert (chain.completed, set(chain.refused), chain.active) == ([], {'goal2'}, '')
+
+
+def another_program_is_silent(chain: Chain) -> None:
+    """Its time over, the goal is refused; asked for anew, it is begun anew."""
+    for _ in range(2):
+        chain.refused.clear()
+        chain.want(0, 2, 0)
+        chain.until(lambda: chain.active == 'goal2', 'goal2 active')
+        begin = chain.now
+        chain.until(lambda: chain.refused, 'goal2 refused')
+        assert abs(chain.now - begin - 60.0) < 1.0
+        chain.until(lambda: not chain.armed, 'landed', 180.0)
+    assert chain.completed == []
+
+
+def _round(mission: Mission) -> GoalTask:
+    assert mission.grid.origin is not None
+    east, north = mission.grid.position(3)
+    places = ((mission.grid.origin.to_geodetic(east + x, north + y), h) for x, y, h in ROUND)
+    return Waypoints(tuple(Waypoint(*place, height) for place, height in places))
+
+
+TASK_SCENARIOS: tuple[tuple[Callable[[Chain], None], Callable[[Mission], GoalTask]], ...] = (
+    (a_stay_is_taken_up, lambda mission: Dwell(20.0)),
+    (pictures_are_not_taken_again, lambda mission: Photo(10, 2.0)),
+    (a_camera_refuses, lambda mission: Photo(1, 0.0)),
+    (a_round_is_taken_up, _round),
+    (another_program_works, lambda mission: External(60.0)),
+    (another_program_fails, lambda mission: External(60.0)),
+    (another_program_is_silent, lambda mission: External(60.0)),
+)
+"""Scenarios with a task at goal 2; only the simulated autopilot's battery can be charged again."""

@@ -24,7 +24,7 @@ from uav_mission_manager.autopilot.simulator.link import SimulatedLink
 from uav_mission_manager.autopilot.simulator.physics import SimulatedOrigin
 from uav_mission_manager.autopilot.simulator.protocol import SimulatedAutopilot
 from uav_mission_manager.autopilot.task import Settings
-from uav_mission_manager.mdp import FAULT_MODES
+from uav_mission_manager.mdp import FAULT_MODES, Mission
 from uav_mission_manager.nodes.flight_plan import FlightPlan
 from uav_mission_manager.onboard import (
     MissionManager,
@@ -75,7 +75,8 @@ class VehicleEnd:
 class SimulatedChain(Chain):
     """The chain with a simulated autopilot, some hundred times faster than life.
 
-    The vehicle stands `depth` [m] below the mission file's ground.
+    The vehicle stands `depth` [m] below the mission file's ground. The bridge may have another
+    `mission` of the same geography.
     """
 
     def __init__(
@@ -86,8 +87,9 @@ class SimulatedChain(Chain):
         frame: MotorFrame = QUAD_X,
         settings: Settings = SETTINGS,
         depth: float = 0.0,
+        mission: Mission | None = None,
     ) -> None:
-        super().__init__(policy.mission)
+        super().__init__(mission or policy.mission)
         self._policy = policy
         self.port, self.connected, self.stalled = MemoryPort(), True, False
         ground = replace(self.origin, altitude=self.origin.altitude - depth)
@@ -98,7 +100,7 @@ class SimulatedChain(Chain):
         self._crew = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         self._forger = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
         self._bridge_parser = mavlink.MAVLink(None)
-        plan = FlightPlan(policy.mission, settings.flight_altitude)
+        plan = FlightPlan(self.mission, settings.flight_altitude)
         self._plan = plan
         link = AutopilotLink(self.port, source_system=245)
         self.bridge = VehicleBridge(link, Pilot(settings, plan.ground), FaultEstimator())
@@ -128,6 +130,7 @@ class SimulatedChain(Chain):
 
     def _step_bridge(self) -> None:
         step = self.bridge.step(self._time)
+        self.active = step.pilot.active
         if step.pilot.completed:
             self.completed.append(step.pilot.completed)
         refused = [step.pilot.refused] * bool(step.pilot.refused)
@@ -220,6 +223,15 @@ class SimulatedChain(Chain):
     @property
     def _situation(self) -> Situation | None:
         return self.manager and self.manager.situation
+
+    def answer(self, goal: str, why: str = '') -> None:
+        if why:
+            self.bridge.pilot.work.fail(why)
+            return
+        self.completed.append(goal)
+        self.bridge.pilot.work.completed(goal, self._time)
+        if self.manager is not None:
+            self.manager.take(lambda s: s.with_completed(goal))
 
     def hold(self) -> tuple[bool, str]:
         return self.bridge.hold(self._time)

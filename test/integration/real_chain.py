@@ -92,12 +92,16 @@ class RealChain(Chain):
         hear('mission_command', String, qos.LATCHED, self._on_command)
         hear('goal_completed', String, qos.EVENT, lambda m: self.completed.append(m.data))
         hear('goal_refused', String, qos.EVENT, lambda m: self.refused.append(m.data))
+        hear('goal_active', String, qos.LATCHED, self._on_active)
         hear('fault_mode', String, qos.STATE_IN, self._on_fault)
         hear('/diagnostics', DiagnosticArray, qos.RELIABLE, self._on_diagnostics)
 
     def _on_command(self, message: String) -> None:
         if message.data != self.command:
             self.commands.append((self.now, message.data))
+
+    def _on_active(self, message: String) -> None:
+        self.active = message.data
 
     def _on_fault(self, message: String) -> None:
         self._fault, self._fault_at = message.data, self.now
@@ -193,6 +197,11 @@ class RealChain(Chain):
     def start_bridge(self) -> None:
         """Start the bridge, anew if it was killed."""
         self.bridge = self._start('mavlink_bridge', **self._settings)
+
+    def answer(self, goal: str, why: str = '') -> None:
+        topic = 'goal_failed' if why else 'goal_completed'
+        text = f'{goal}: {why}' if why else goal
+        self.ros.publish(topic, String(data=text), qos.EVENT)
 
     def hold(self) -> tuple[bool, str]:
         answer = self.ros.call('mavlink_bridge/hold')

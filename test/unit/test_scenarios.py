@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from scenarios import FLIGHT_ALTITUDE, SCENARIOS
+from scenarios import FLIGHT_ALTITUDE, SCENARIOS, TASK_SCENARIOS
 from simulated_chain import SETTINGS, SimulatedChain
 
 from uav_mission_manager.autopilot.simulator.frames import MOTOR_FRAMES
@@ -23,6 +23,22 @@ POLICY = load_policy(ROOT / 'policies' / 'case_study')
 def test_scenario(scenario, frame):
     chain = SimulatedChain(POLICY, frame=MOTOR_FRAMES[frame])
     scenario(chain)
+
+
+def with_task(mission, task):
+    """The mission with a task at goal 2."""
+    goals = list(mission.goals)
+    goals[1] = replace(goals[1], task=task)
+    return replace(mission, goals=tuple(goals))
+
+
+@pytest.mark.parametrize(
+    ('scenario', 'task'), TASK_SCENARIOS, ids=lambda case: getattr(case, '__name__', '')
+)
+def test_task_scenario(scenario, task):
+    mission = with_task(POLICY.mission, task(POLICY.mission))
+    assert mission.digest() == POLICY.mission.digest()
+    scenario(SimulatedChain(POLICY, mission=mission))
 
 
 # What a real autopilot's harness cannot set up

@@ -23,6 +23,7 @@ from uav_mission_manager.mdp import load_mission
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.clocks import ClockWatch, safety_clock, seconds
 from uav_mission_manager.nodes.flight_plan import FlightPlan
+from uav_mission_manager.nodes.goal_answers import GoalAnswers
 from uav_mission_manager.nodes.lifecycle import AUTOSTART, FAILURE, ManagedNode
 from uav_mission_manager.nodes.log_limit import LogLimit
 from uav_mission_manager.nodes.manager_inputs import ManagerInputs
@@ -71,7 +72,9 @@ PARAMETERS = (
     _flight('cruise_speed', 'Speed in normal mode [m/s]', 0.1, 50.0),
     _flight('agile_speed', 'Speed in agile mode [m/s]', 0.1, 50.0),
     _flight('acceptance_radius', 'Largest distance from a destination on site [m]', 0.1, 1000.0),
-    _flight('goal_dwell', 'Time on site until a goal is completed [s]', 0.0, 3600.0),
+    _flight(
+        'goal_dwell', 'Time on site until a goal without a task is completed [s]', 0.0, 3600.0
+    ),
     _flight('service_time', 'Time landed in the service cell until a repair [s]', 0.0, 3600.0),
     _flight('manager_timeout', 'Time without mission command until it holds [s]', 1.5, 600.0),
     _flight('rtl_delay', 'Time of holding until it returns to launch [s]', 0.0, 3600.0),
@@ -113,7 +116,7 @@ class MavlinkBridge(ManagedNode):
         self._settings = declare(self, PARAMETERS)
         self._steady = safety_clock()
         self._limit = LogLimit()
-        self._opened = ExitStack()
+        self._opened, self._begun = ExitStack(), ExitStack()
         self._configured = False
         self._written: dict[str, Any] = {}
         self.create_service(Trigger, '~/hold', self._on_hold)
@@ -150,16 +153,19 @@ class MavlinkBridge(ManagedNode):
         """Publish, and obey the manager."""
         p, pilot = self._settings, self._bridge.pilot
         self._outputs = VehicleOutputs(self, self._mission, self._plan.origin, self._log)
+        self._begun.callback(self._outputs.close)
         self._diagnostics = self.create_publisher(
             DiagnosticArray, '/diagnostics', qos.RELIABLE, qos_overriding_options=qos.OVERRIDABLE
         )
         self._inputs = ManagerInputs(self, self._mission, self._plan, pilot, p.manager_timeout)
+        self._answers = GoalAnswers(self, self._bridge, self._log)
         self.create_timer(1.0, self._diagnose, clock=self._steady)
         pilot.set_active(True, self._now())
 
     def deactivate(self) -> None:
         """Obey nobody; in flight the vehicle holds."""
         self._bridge.pilot.set_active(False, self._now())
+        self._begun.close()
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Clean up, but not under a vehicle that may fly."""
@@ -277,6 +283,8 @@ class MavlinkBridge(ManagedNode):
             'command': inputs.command,
             'command_refused': '; '.join(inputs.complaints),
             'command_age': f'{inputs.command_age:.1f}' if inputs.command else '',
+            'goal_active': bridge.output.active,
+            'goal_refused': self._outputs.refused,
             'fault_mode': self._outputs.fault_mode,
             'motor_effectiveness': ' '.join(f'{e:.2f}' for e in bridge.faults.effectiveness),
             **{f'refused {name}': why for name, why in link.refused.items()},

@@ -14,6 +14,7 @@ from std_msgs.msg import String
 from uav_mission_manager.autopilot.bridge import BridgeStep
 from uav_mission_manager.autopilot.faults import FIX_3D, Fault
 from uav_mission_manager.autopilot.task import PilotOutput
+from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import FAULT_MODES, Mission, Origin
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.conversions import battery_state, nav_sat_fix, odometry
@@ -24,7 +25,7 @@ after which the manager misses it."""
 
 
 class VehicleOutputs:
-    """Battery, position, faults, and what became of goals.
+    """Battery, position, faults, where another program is to work, and what became of goals.
 
     Parameters
     ----------
@@ -34,6 +35,11 @@ class VehicleOutputs:
         Of `map`.
     log : callable
         Takes whether a line is a warning, and the line.
+
+    Attributes
+    ----------
+    refused : str
+        The last goal that was refused, and why.
     """
 
     def __init__(
@@ -51,6 +57,10 @@ class VehicleOutputs:
         self._fault_mode = publisher(String, 'fault_mode', qos.STATE_IN)
         self._goal_completed = publisher(String, 'goal_completed', qos.EVENT)
         self._goal_refused = publisher(String, 'goal_refused', qos.EVENT)
+        self._goal_active = publisher(String, 'goal_active', qos.LATCHED)
+        self._active: str | None = None
+        self.refused = ''
+        self._activate('')
         self._fault: Fault | None = None
         self._fault_at = -math.inf
 
@@ -62,6 +72,7 @@ class VehicleOutputs:
     def publish(self, step: BridgeStep, fix_type: int | None, now: float) -> None:
         """Publish what a step brought."""
         self._report_goals(step.pilot)
+        self._activate(step.pilot.active)
         stamp = self._node.get_clock().now().to_msg()
         for number, battery in step.batteries.items():
             self._battery_state.publish(battery_state(number, battery, stamp))
@@ -70,6 +81,10 @@ class VehicleOutputs:
             self._odom.publish(odometry(step.position, self._origin, stamp))
             self._global_position.publish(nav_sat_fix(step.position, has_fix, stamp))
         self._report_fault(step.fault, now)
+
+    def close(self) -> None:
+        """Say that nobody is to work any more."""
+        self._activate('')
 
     def _report_goals(self, output: PilotOutput) -> None:
         if output.completed:
@@ -80,7 +95,13 @@ class VehicleOutputs:
             lost = goals if output.losing_ground else [output.refused]
             for goal in lost:
                 self._goal_refused.publish(String(data=goal))
-            self._log(True, f'out of reach: {", ".join(lost)}')
+            self.refused = shown(f'{", ".join(lost)}: {output.status}')
+            self._log(True, f'refused: {self.refused}')
+
+    def _activate(self, goal: str) -> None:
+        if goal != self._active:
+            self._active = goal
+            self._goal_active.publish(String(data=goal))
 
     def _report_fault(self, fault: Fault | None, now: float) -> None:
         if fault is not None and (
