@@ -137,6 +137,7 @@ class SimulatedChain(Chain):
         if refused and step.pilot.losing_ground:
             refused = [goal.name for goal in self.mission.goals]
         self.refused += refused
+        self.reasons += [step.pilot.status] * bool(step.pilot.refused)
         if step.fault is not None:
             self._fault = FAULT_MODES[step.fault]
         if self.manager is not None:

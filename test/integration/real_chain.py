@@ -109,6 +109,7 @@ class RealChain(Chain):
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         if message.status[0].name.endswith(': autopilot'):
             self._status, self._status_at = message.status[0], self.now
+            self.reasons = [self.value('goal_refused')]
 
     def launch(self) -> None:
         """Start the autopilot: on the wire, or with a TCP server for the bridge alone."""

@@ -25,7 +25,8 @@ VALIDATOR = jsonschema.Draft202012Validator(json.loads(SCHEMA_FILE.read_text()))
 NOT_IN_A_SCHEMA = re.compile(
     r'sums to|no cell of|names a cell that|name of another goal|shorter than an epoch|too coarse'
     r'|corner \d+ is where|cross or touch|is below 1 m2|areas: need'
-    r'|[0-9]\.[0-9]+ is not a whole number|energy\.speed|a discount of'
+    r'|[0-9]\.[0-9]+ is not a whole number|energy\.speed|a discount of|off the|m from the centre'
+    r'|needs grid\.origin'
 )
 """What the loader says of files that the schema accepts."""
 
@@ -109,6 +110,19 @@ DOCUMENTS['mixed'] = in_units() | {'goals': case_study(1)['goals'], 'threat': {}
 DOCUMENTS['mixed']['goals'][0]['priority_transition'] = case_study()['priority_transition']
 DOCUMENTS['mixed']['threat'] = case_study()['threat']
 del DOCUMENTS['mixed']['requests_per_hour']
+DOCUMENTS['tasks'] = case_study(1, 2)
+ORIGIN = DOCUMENTS['tasks']['grid']['origin']
+DOCUMENTS['tasks']['goals'] = [
+    case_study()['goals'][0] | {'task': task}
+    for task in (
+        {'dwell': 3.0},
+        {'photo': {'count': 2, 'interval': 1.0}},
+        {'external': {'timeout': 60.0}},
+        {'waypoints': [[ORIGIN['latitude'], ORIGIN['longitude'], 25.0]]},
+    )
+]
+for number, goal in enumerate(DOCUMENTS['tasks']['goals']):
+    goal |= {'name': f'goal{number}', 'cell': 0}
 
 
 @pytest.mark.filterwarnings('ignore:.*old word for:FutureWarning')

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from scenarios import NEEDED_BEFORE_AN_ORDER
+from scenarios import NEEDED_BEFORE_AN_ORDER, ROUND, a_round, visits
 from simulated_chain import SETTINGS, SimulatedChain
 
 from uav_mission_manager.autopilot.bridge import VehicleBridge
@@ -19,6 +19,7 @@ from uav_mission_manager.autopilot.faults import FaultEstimator
 from uav_mission_manager.autopilot.link import AutopilotLink
 from uav_mission_manager.autopilot.pilot import Pilot
 from uav_mission_manager.autopilot.vehicle import FlightMode
+from uav_mission_manager.goal_task import Dwell, External, Photo
 from uav_mission_manager.policy import load_policy
 
 POLICY = load_policy(Path(__file__).parents[2] / 'policies' / 'case_study')
@@ -321,6 +322,65 @@ def test_a_vehicle_flown_by_hand_from_the_start_is_not_taken():
     assert chain.phase == 'pilot in command'
     assert 'GUIDED gives command here' in chain.report[1]
     assert chain.orders == []
+
+
+# Tasks at goals
+
+
+def at_work(task) -> Mortal:
+    goals = list(POLICY.mission.goals)
+    goals[1] = replace(goals[1], task=task)
+    chain = Mortal(mission=replace(POLICY.mission, goals=tuple(goals)))
+    chain.want(0, 2, 0)
+    return chain
+
+
+def test_a_stay_is_as_long_as_it_was_to_be():
+    chain, stay = at_work(Dwell(20.0)), 0.0
+    while not chain.completed:
+        chain.until(lambda: chain.phase == 'on site', 'on site')
+        begin = chain.now
+        chain.until(lambda begin=begin: chain.completed or chain.now > begin + 6.5, 'a while')
+        stay += chain.now - begin
+        if not chain.completed:
+            chain.kill_bridge()
+    assert 20.0 <= stay < 24.5, 'each of three restarts forgets less than a second'
+
+
+def test_a_picture_is_taken_again_only_if_nobody_heard_of_it():
+    chain, kills = at_work(Photo(8, 1.0)), 0
+    while not chain.completed:
+        have = len(chain.pictures)
+        chain.until(lambda have=have: len(chain.pictures) > have or chain.completed, 'a picture')
+        if kills < 4:
+            chain.spend(0.25 * kills)
+            chain.kill_bridge()
+            kills += 1
+    numbers = [number for _, number in chain.pictures]
+    assert (numbers, set(numbers)) == (sorted(numbers), set(range(1, 9)))
+    assert len(numbers) <= 8 + kills
+
+
+def test_a_round_goes_on_where_it_was():
+    chain = at_work(a_round(POLICY.mission))
+    chain.until(lambda: len(visits(chain)) == 2, 'two waypoints')
+    chain.spend(1.0)
+    chain.kill_bridge()
+    begin = len(chain.track)
+    chain.until(lambda: chain.completed, 'goal completed')
+    assert visits(chain, begin) == list(range(2, len(ROUND)))
+
+
+def test_another_program_is_told_again():
+    chain = at_work(External(10.0))
+    chain.until(lambda: chain.active == 'goal2', 'active')
+    chain.spend(6.0)
+    chain.active = ''
+    chain.kill_bridge()
+    chain.until(lambda: chain.active == 'goal2', 'active again')
+    begin = chain.now
+    chain.until(lambda: 'goal2' in chain.refused, 'timeout')
+    assert 3.0 < chain.now - begin < 6.0
 
 
 # Faults

@@ -148,9 +148,9 @@ class GoalWork:
 
     def photo_answered(self, accepted: bool, why: str) -> None:
         """Take the camera's answer."""
-        if not self._photo_asked:
+        asked, self._photo_asked = self._photo_asked, False
+        if not asked or self._over:
             return
-        self._photo_asked = False
         if accepted:
             self._begun[self.goal].done += 1
         else:
@@ -159,7 +159,7 @@ class GoalWork:
     def completed(self, goal: str, now: float) -> None:
         """Take note that a goal was reported as completed, by another program or this one."""
         self._begun.pop(goal, None)
-        if goal == self.goal and not self.failed:
+        if goal and goal == self.goal and not self.failed:
             self.done, self._reported_at = True, now
 
     def fail(self, why: str) -> None:
