@@ -14,9 +14,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from real_autopilot import BINARY, FRAMES
 from real_chain import CASE_STUDY, RealChain
 from ros_helpers import Ros
-from scenarios import SCENARIOS, Chain
+from scenarios import ROUND, SCENARIOS, Chain, a_round, visits
 
 from uav_mission_manager.autopilot.vehicle import FlightMode
+from uav_mission_manager.goal_task import GoalTask, Photo, task_to_dict
 from uav_mission_manager.mdp import load_mission
 from uav_mission_manager.policy import build_policy
 
@@ -62,6 +63,39 @@ def ready(chain: RealChain) -> RealChain:
 @pytest.mark.parametrize('scenario', SCENARIOS, ids=lambda scenario: scenario.__name__)
 def test_scenario(make: Maker, scenario: Callable[[Chain], None], frame: str) -> None:
     scenario(ready(make(frame)))
+
+
+def mission_with(folder: Path, goal: int, task: GoalTask) -> Path:
+    """Write the case study with a task at a goal, counted from 0."""
+    document = yaml.safe_load(CASE_STUDY.read_text())
+    document['goals'][goal]['task'] = task_to_dict(task)
+    path = folder / 'with_task.yaml'
+    path.write_text(yaml.safe_dump(document))
+    return path
+
+
+def test_pictures_are_taken_by_an_autopilot_with_a_camera(make: Maker, tmp_path: Path) -> None:
+    chain = ready(make(mission=mission_with(tmp_path, 0, Photo(3, 1.0))))
+    chain.want(1, 0, 0)
+    chain.until(lambda: chain.refused, 'refused: there is no camera')
+    chain.until(lambda: any('no picture: ' in why for why in chain.reasons), 'why')
+    chain.until(lambda: not chain.armed, 'landed', 180.0)
+    assert chain.pictures == []
+    chain.set('CAM1_TYPE', 1)
+    boots = chain.boots
+    chain.tell(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1)
+    chain.until(lambda: chain.boots > boots, 'reboot')
+    chain.until_ready()
+    chain.want(1, 0, 0)
+    chain.until(lambda: chain.completed, 'goal completed', 180.0)
+    assert [number for _, number in chain.pictures] == [1, 2, 3]
+
+
+def test_a_round_of_waypoints_is_flown(make: Maker, tmp_path: Path) -> None:
+    chain = ready(make(mission=mission_with(tmp_path, 1, a_round(load_mission(CASE_STUDY)))))
+    chain.want(0, 2, 0)
+    chain.until(lambda: chain.completed, 'goal completed', 240.0)
+    assert visits(chain) == list(range(len(ROUND)))
 
 
 def until_landing_at_three_metres(chain: RealChain) -> None:

@@ -1,4 +1,4 @@
-"""Tasks at goals with real processes: pictures, and the node of docs/tasks.md as it stands there."""
+"""Tasks at goals with real processes: pictures, and the node of docs/tasks.md as it stands."""
 
 from __future__ import annotations
 

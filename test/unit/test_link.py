@@ -346,6 +346,32 @@ def test_an_answer_that_is_not_meant_changes_nothing(make, command, target):
     assert [m.command for m in sent_later(wire)] == [ARM.number] * 2
 
 
+@pytest.mark.parametrize('other', [(7, 1), (7, 101), (8, 100)], ids=str)
+def test_a_command_to_a_component_is_answered_by_that_component(make, other):
+    wire = make().up()
+    picture = MavCommand(mavlink.MAV_CMD_IMAGE_START_CAPTURE, (0, 0, 1, 1, 0, 0, 0), component=100)
+    wire.link.send((picture,), wire.now)
+    [sent] = wire.peer.commands()
+    assert (sent.target_system, sent.target_component) == (7, 100)
+    ack = mavlink.MAVLink_command_ack_message(picture.number, 0, 0, 0, 1, 191)
+    system, component = other
+    wire.connect(system=system, component=component).say(ack)
+    wire.peer.say(ack, 1)
+    wire.deliver()
+    assert wire.link.take_answers() == []
+    wire.peer.say(ack, 100)
+    wire.deliver()
+    assert [(a.command, a.accepted) for a in wire.link.take_answers()] == [(picture, True)]
+
+
+def test_a_camera_answers_for_no_autopilot(make):
+    wire = make().up()
+    wire.link.send((ARM,), wire.now)
+    wire.peer.say(mavlink.MAVLink_command_ack_message(ARM.number, 0, 0, 0, 1, 191), 100)
+    wire.deliver()
+    assert wire.link.take_answers() == []
+
+
 def test_in_progress_waits_on(make):
     wire = make().up()
     wire.link.send((ARM,), wire.now)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import random
+from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from scenarios import NEEDED_BEFORE_AN_ORDER, Order
+from scenarios import NEEDED_BEFORE_AN_ORDER, PICTURE, Order
 from simulated_chain import SimulatedChain
 from strategies import case_study
 
@@ -21,7 +22,18 @@ BUSY_TIME = 150.0
 TO_FLY = (mavlink.MAV_CMD_COMPONENT_ARM_DISARM, mavlink.MAV_CMD_NAV_TAKEOFF)
 
 
-def random_mission(rng: random.Random) -> Mission:
+def random_task(rng: random.Random) -> dict[str, Any]:
+    """Something to do at a goal."""
+    return rng.choice(
+        (
+            {'dwell': rng.uniform(0.0, 20.0)},
+            {'photo': {'count': rng.randint(1, 8), 'interval': rng.uniform(0.0, 3.0)}},
+            {'external': {'timeout': rng.uniform(1.0, 20.0)}},
+        )
+    )
+
+
+def random_mission(rng: random.Random, tasks: random.Random) -> Mission:
     """One or two goals in up to nine cells, anywhere on the earth."""
     rows, cols = rng.randint(2, 3), rng.randint(2, 3)
     goals = rng.randint(1, 2)
@@ -38,6 +50,8 @@ def random_mission(rng: random.Random) -> Mission:
     }
     for goal, cell in zip(document['goals'], cells, strict=True):
         goal['cell'] = cell
+        if tasks.random() < 0.7:
+            goal['task'] = random_task(tasks)
     document['threat'].pop('zones')
     return mission_from_dict(document, 'a random mission')
 
@@ -47,7 +61,7 @@ class BadDay(SimulatedChain):
 
     def __init__(self, seed: int) -> None:
         rng = random.Random(seed)
-        mission = random_mission(rng)
+        mission = random_mission(rng, random.Random(f'tasks {seed}'))
         frame = rng.choice(list(MOTOR_FRAMES.values()))
         super().__init__(build_policy(mission, method='exact'), seed=seed, frame=frame)
         self.rng = rng
@@ -60,6 +74,8 @@ class BadDay(SimulatedChain):
         super().watch_bridge(message)
         for order in self.orders[before:]:
             self._check(order)
+        if getattr(message, 'command', None) == PICTURE:
+            assert self.phase == 'on site'
 
     def _check(self, order: Order) -> None:
         assert order.heard >= NEEDED_BEFORE_AN_ORDER, f'{order} after a gap'

@@ -332,6 +332,29 @@ def test_what_is_for_others_is_left_alone(peer):
     assert peer.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1, system=0, component=0) == 0
 
 
+PICTURE = mavlink.MAV_CMD_IMAGE_START_CAPTURE
+
+
+def test_a_picture_is_taken_or_refused(peer):
+    assert peer.command(PICTURE, 0, 0, 1, 1) == 0
+    peer.set_parameter('SIM_CAM_REFUSE', 1)
+    assert peer.command(PICTURE, 0, 0, 1, 1) == 4
+    assert peer.command(PICTURE, 0, 2, 5) == 3, 'a series is not simulated'
+
+
+def test_a_camera_takes_its_own_pictures_while_it_works(peer):
+    assert peer.command(PICTURE, 0, 0, 1, 1, component=100) is None, 'there is none'
+    [peer] = connect(camera=True)
+    peer.run(1.0)
+    assert peer.command(PICTURE, 0, 0, 1, 1, component=100) == 0
+    assert peer.take('COMMAND_ACK') == []
+    assert peer.command(PICTURE, 0, 0, 1, 1, component=100) == 0
+    assert len(peer.take('COMMAND_ACK', component=100)) == 1
+    assert peer.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1, component=100) is None
+    peer.set_parameter('SIM_CAM_FAIL', 1)
+    assert peer.command(PICTURE, 0, 0, 1, 1, component=100) is None
+
+
 def test_set_mode_message_is_acknowledged_by_its_id(peer):
     peer.send(mavlink.MAVLink_set_mode_message(1, 1, SimulatedMode.GUIDED))
     (ack,) = peer.take('COMMAND_ACK')
