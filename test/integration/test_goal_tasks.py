@@ -43,12 +43,12 @@ def sampler(ros: Ros, folder: Path, jars: int) -> NodeProcess:
 
 def test_another_node_does_the_work_or_says_why_it_cannot(chain, ros, tmp_path):
     active = ros.listen('goal_active', String, qos.LATCHED)
-    external = {'external': {'timeout': 60.0}}
+    external = {'external': {'timeout': 600.0}}
     flight = chain(mission=mission_with(tmp_path, external, external))
     flight.command, flight.pose = 'commit goal1 normal', GOAL1
     flight.until(lambda: active and active[-1].data == 'goal1', 'goal1 active')
-    assert flight.distance(GOAL1) < 5.0
-    assert flight.value('goal_active') in ('goal1', '')
+    flight.until(lambda: flight.distance(GOAL1) < 5.0, 'over it')
+    flight.until(lambda: flight.value('goal_active') == 'goal1', 'the diagnostics say so')
     node = sampler(ros, tmp_path, jars=1)
     flight.until(lambda: flight.completed, 'goal1 completed')
     flight.until(lambda: active[-1].data == '', 'nobody works any more')
