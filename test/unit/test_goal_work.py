@@ -272,7 +272,14 @@ def test_a_memory_is_json_and_what_was_done_is_done():
     assert again.work.memory == {}
 
 
-@pytest.mark.parametrize('bad', [{'a': ['x', -1]}, {'a': ['x', math.nan]}, {'a': ['x', math.inf]}])
+@pytest.mark.parametrize(
+    'bad',
+    [
+        *({'a': ['x', -1]}, {'a': ['x', math.nan]}, {'a': ['x', math.inf]}),
+        *({'a': ['x', 'y']}, {'a': 1}, {'a': ['x']}, ['a'], 1, None),
+    ],
+    ids=str,
+)
 def test_what_is_no_memory_is_refused(bad):
     with pytest.raises(ValueError, match='no tasks at goals'):
         GoalWork(flat).restore(bad)

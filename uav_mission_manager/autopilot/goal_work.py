@@ -80,10 +80,13 @@ class GoalWork:
 
     def restore(self, memory: Mapping[str, Any]) -> None:
         """Go on from a `memory`; ValueError if it is none."""
-        tasks = {str(goal): _Task(str(what), float(done)) for goal, (what, done) in memory.items()}
-        if not all(0.0 <= task.done < math.inf for task in tasks.values()):
+        try:
+            begun = {goal: _Task(what, float(done)) for goal, (what, done) in dict(memory).items()}
+        except (TypeError, ValueError):
+            begun = None
+        if begun is None or not all(0.0 <= task.done < math.inf for task in begun.values()):
             raise ValueError(f'no tasks at goals: {shown(memory)}')
-        self._begun = tasks
+        self._begun = begun
 
     def retarget(self) -> None:
         """Take up another goal."""
