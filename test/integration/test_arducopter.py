@@ -95,7 +95,8 @@ def test_an_autopilot_without_a_camera_says_so(make: Maker, tmp_path: Path) -> N
 
 
 def test_a_round_of_waypoints_is_flown(make: Maker, tmp_path: Path) -> None:
-    chain = ready(make(mission=mission_with(tmp_path, 1, a_round(load_mission(CASE_STUDY)))))
+    mission = mission_with(tmp_path, 1, a_round(load_mission(CASE_STUDY)))
+    chain = ready(make(mission=mission, cruise_speed=10.0))
     chain.want(0, 2, 0)
     chain.until(lambda: chain.completed, 'goal completed', 240.0)
     assert visits(chain) == list(range(len(ROUND)))
