@@ -233,7 +233,7 @@ class Mission:
         return data
 
     def digest(self) -> str:
-        """SHA-256 of the mission in canonical JSON, without its areas and what is done at goals."""
+        """SHA-256 of the mission in canonical JSON, without its areas and tasks at goals."""
         goals = tuple(replace(goal, task=None) for goal in self.goals)
         data = replace(self, goals=goals, areas=Areas()).to_dict()
         text = json.dumps(data, sort_keys=True, separators=(',', ':'))
