@@ -145,7 +145,8 @@ class Pilot:
 
     def update(self, telemetry: Telemetry | None, now: float) -> PilotOutput:
         """Return what to do now; `telemetry` is None while the link is lost."""
-        self.work.watch((output := self._decide(telemetry, now)).phase)
+        output = self._decide(telemetry, now)
+        self.work.watch(output.phase)
         return output
 
     def _decide(self, telemetry: Telemetry | None, now: float) -> PilotOutput:
@@ -225,8 +226,7 @@ class Pilot:
         return self._requests.ask(Arm(), Phase.ARMING, task.text, now)
 
     def _needs_a_pilot(self, task: FlightTask) -> PilotOutput:
-        why = f'{task.text}: allow_arming is false, a pilot must take off'
-        return PilotOutput(Phase.BLOCKED, why)
+        return PilotOutput(Phase.BLOCKED, f'{task.text}: allow_arming is false: a pilot takes off')
 
     # Armed
 
