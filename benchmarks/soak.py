@@ -29,6 +29,7 @@ from parts.missions import case_study
 from parts.soak.day import Day
 from parts.soak.fate import Fate
 from parts.soak.leaks import Leaks, Sample
+from parts.soak.work import with_work
 
 from uav_mission_manager import build_policy
 from uav_mission_manager.policy import Policy
@@ -76,7 +77,7 @@ def main() -> int:
 
 def both_policies() -> tuple[Policy, Policy]:
     """Policies of the case study, and of the same goals and grid with other costs."""
-    mission = case_study(3)
+    mission = with_work(case_study(3))
     other = dataclasses.replace(mission, distance_weight=2.0)
     return build_policy(mission, 'exact'), build_policy(other, 'exact')
 
@@ -150,8 +151,9 @@ def _costs(results: list[Result]) -> list[list[str]]:
 INTRODUCTION = """\
 The cores of base station, manager and bridge, with their journals, and the simulated autopilot, in
 one process and in simulated time. Storms of five to fifteen minutes, in which everything below
-happens at random, and calms by turns; in a calm all that is wanted must get done. The invariants
-are checked twenty times a second, on the wires and in the simulator's truth. At its first
+happens at random, and calms by turns; in a calm all that is wanted must get done: pictures at one
+goal, a round of waypoints at another, another program's work at the third. The invariants are
+checked twenty times a second, on the wires and in the simulator's truth. At its first
 violation, or exception, a seed ends."""
 
 

@@ -479,6 +479,22 @@ def test_a_mode_told_before_another_was_accepted_is_over(make, command, modes):
     assert said(wire, 19, mode=9) == modes
 
 
+@pytest.mark.parametrize('order', [(20, 21), (21, 20), (20, 19), (20,)])
+def test_a_mode_told_after_another_was_accepted_is_known_as_such(make, order):
+    """By the autopilot's count (the answer is its 20th message), whichever comes first."""
+    wire = make().up()
+    wire.link.send(commands(SetMode(FlightMode.GUIDED)), wire.now)
+    for number in order:
+        wire.peer._mav.seq = number
+        if number == 20:
+            wire.peer.ack(mavlink.MAV_CMD_DO_SET_MODE)
+        else:
+            wire.peer.beat()
+    wire.poll()
+    assert [answer.accepted for answer in wire.link.take_answers()] == [True]
+    assert wire.link.mode_told == (21 in order)
+
+
 def test_an_answer_counts_though_a_later_one_came_first(make):
     wire = make().up()
     wire.link.send((ARM, TAKE_OFF), wire.now)

@@ -23,6 +23,7 @@ from uav_mission_manager.autopilot import bridge as vehicle_bridge
 from uav_mission_manager.autopilot import telemetry
 from uav_mission_manager.autopilot.flying import TaskFlight
 from uav_mission_manager.autopilot.link import AutopilotLink
+from uav_mission_manager.autopilot.pilot import Pilot
 from uav_mission_manager.autopilot.simulator.flight import SimulatedFlight
 from uav_mission_manager.autopilot.simulator.messages import MESSAGE_BUILDERS
 from uav_mission_manager.autopilot.simulator.modes import SimulatedMode
@@ -41,16 +42,16 @@ SHORT_STORM = 200.0
 @pytest.fixture(scope='module')
 def soak():
     sys.path.insert(0, str(BENCHMARKS))
-    names = ('chain', 'day', 'fate', 'invariants', 'leaks', 'whereabouts')
+    names = ('chain', 'day', 'fate', 'invariants', 'leaks', 'whereabouts', 'work')
     yield SimpleNamespace(**{n: importlib.import_module(f'parts.soak.{n}') for n in names})
     sys.path.remove(str(BENCHMARKS))
 
 
 @pytest.fixture(scope='module')
-def policies():
-    document = case_study()
-    other = document | {'distance_weight': 2.0}
-    return [build_policy(mission_from_dict(d, 'a mission'), 'exact') for d in (document, other)]
+def policies(soak):
+    mission = soak.work.with_work(mission_from_dict(case_study(), 'a mission'))
+    other = replace(mission, distance_weight=2.0)
+    return [build_policy(m, 'exact') for m in (mission, other)]
 
 
 @pytest.fixture
@@ -176,6 +177,22 @@ def test_a_bridge_that_completes_too_early(soak, day, monkeypatch):
     monkeypatch.setattr(TaskFlight, 'over', lambda *_: True)
     with violates(soak, 'done where it is'):
         day.spend(20.0)
+
+
+def test_a_bridge_that_works_before_it_is_there(soak, day, monkeypatch):
+    monkeypatch.setattr(TaskFlight, 'over', lambda *_: True)
+    with violates(soak, 'done where it is: a picture, .* from goal1'):
+        day.ask(1, 0, 0)
+        day.spend(40.0)
+
+
+def test_a_program_that_is_told_to_work_while_held(soak, day, monkeypatch):
+    monkeypatch.setattr(Pilot, 'hold', lambda _: None)
+    day.ask(0, 0, 2)
+    assert day.until(lambda: day.bridge.core.output.active, 120.0)
+    day.hold()
+    with violates(soak, 'never against a pilot: the work of a program'):
+        day.step()
 
 
 @pytest.mark.parametrize(

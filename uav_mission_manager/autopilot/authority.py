@@ -74,13 +74,13 @@ class Authority:
             self._alone, self._accepted_at = self._ordered is None, math.inf
         self._mode, self._ordered, self._ordered_at = present, mode, now
 
-    def accepted(self, now: float) -> None:
-        """Take note of it that the order was accepted: what is heard later is its effect, or not.
+    def accepted(self, since: float) -> None:
+        """Take note of it that the order was accepted: what is heard since is its effect, or not.
 
         An answer does not say to which mode it belongs, if two were ordered.
         """
         if self._alone:
-            self._accepted_at = min(self._accepted_at, now)
+            self._accepted_at = min(self._accepted_at, since)
 
     def arm(self, now: float) -> None:
         """Count motors that start now as started from here."""

@@ -217,7 +217,8 @@ class VehicleBridge:
             if kind is TakePhoto:
                 self.pilot.work.photo_answered(answer.accepted, answer.why)
             elif kind is not None:
-                self.pilot.answered(kind, answer.accepted, answer.why, now)
+                since = -math.inf if self.link.mode_told else now
+                self.pilot.answered(kind, answer.accepted, answer.why, since)
         self._look_for_reboot(now)
         output = self.pilot.update(self.telemetry if self.link.up else None, now)
         last, self.output = self.output, output

@@ -33,7 +33,7 @@ ON_THE_ROUND = (Phase.ON_SITE, Phase.EN_ROUTE, Phase.CLIMBING, Phase.BLOCKED)
 WHAT_DIGITS = 16
 """Digits of a task's hash: a choice, enough to tell a few tasks apart."""
 
-Place = tuple[float, float, float]
+_Point = tuple[float, float, float]
 """Latitude, longitude [deg], altitude above mean sea level [m]."""
 
 
@@ -204,7 +204,7 @@ class GoalWork:
 
     def _fly_round(self, begun: _Task, task: FlightTask) -> str:
         """At the goal, or at a waypoint: go on to the next."""
-        here: Place = (task.latitude, task.longitude, task.altitude)
+        here: _Point = (task.latitude, task.longitude, task.altitude)
         if self._leg_altitude is not None:
             here = task.points[int(begun.done)]
             begun.done += 1
@@ -215,7 +215,7 @@ class GoalWork:
             self._leg_altitude = self._clear_altitude(here, task.points[int(begun.done)])
         return f'{begun.done:.0f} of {len(task.points)} waypoints'
 
-    def _clear_altitude(self, start: Place, end: Place) -> float:
+    def _clear_altitude(self, start: _Point, end: _Point) -> float:
         """Altitude of a leg [m]: not below either end, nor nearer to the ground than the lower."""
         grounds = [
             self._ground(*(a + (b - a) * n / LEG_SAMPLES for a, b in zip(start[:2], end[:2])))

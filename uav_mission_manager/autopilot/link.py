@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from uav_mission_manager.autopilot.exchange import Answer, CommandExchange, MavCommand
 from uav_mission_manager.autopilot.identity import Identity
+from uav_mission_manager.autopilot.overtaking import Overtaking
 from uav_mission_manager.autopilot.port import MAX_PORT_READS, open_port, read_port
 from uav_mission_manager.autopilot.streams import STREAM_RATES, Streams
 
@@ -26,10 +27,6 @@ MAX_PARSERS = 16
 REBOOT_STEP = 1000
 """How far [ms] the autopilot's time since boot goes back when it has rebooted, at least: a choice,
 as datagrams can overtake each other."""
-
-OVERTAKING_TIME, OVERTAKING_COUNT = 0.5, 50
-"""By how much time [s] and how many messages one may overtake another of its kind, at most:
-choices. MAVLink counts messages of all kinds, and begins anew after 256, and after a reboot."""
 
 EVENTS = ('COMMAND_ACK', 'STATUSTEXT')
 """Messages that count although a later one has come first; others say what is true now."""
@@ -97,7 +94,7 @@ class AutopilotLink:
         self._stale_since: float | None = None
         self._status = mavlink.MAV_STATE_BOOT
         self._boot_time = 0
-        self._newest: dict[str, tuple[int, float]] = {}  # By kind, its number and when it came.
+        self._overtaking = Overtaking()
         self.up = self.rebooted = False
 
     @property
@@ -124,6 +121,11 @@ class AutopilotLink:
     def others(self) -> tuple[str, ...]:
         """Whoever else is heard."""
         return self._identity.others
+
+    @property
+    def mode_told(self) -> bool:
+        """Whether the mode was told after the last answer to DO_SET_MODE, and came by then."""
+        return self._overtaking.mode_told
 
     @property
     def refused(self) -> dict[str, str]:
@@ -155,7 +157,7 @@ class AutopilotLink:
             if not self._identity.hear(message, address, now):
                 self._take_from_component(message, now)
                 continue
-            if self._is_overtaken(message, now) and message.get_type() not in EVENTS:
+            if self._overtaking.is_over(message, now) and message.get_type() not in EVENTS:
                 continue
             if self._has_rebooted(message):
                 self.rebooted = True
@@ -273,21 +275,6 @@ class AutopilotLink:
         asked_for = self._streams.seen(message.get_msgId(), now)
         if asked_for is not None:
             self.refused.pop(asked_for.name, None)
-
-    def _is_overtaken(self, message: Any, now: float) -> bool:
-        """Whether one of its kind that the autopilot sent later has come before.
-
-        The answer to a change of mode makes a HEARTBEAT old, too: it may tell the mode before.
-        """
-        kind, number = message.get_type(), message.get_seq()
-        if kind == 'COMMAND_ACK' and message.command == mavlink.MAV_CMD_DO_SET_MODE:
-            kind = 'HEARTBEAT'
-        newest, at = self._newest.get(kind, (number, now))
-        behind = (newest - number) % 256
-        if 0 < behind <= OVERTAKING_COUNT and 0.0 <= now - at <= OVERTAKING_TIME:
-            return True
-        self._newest[kind] = number, now
-        return False
 
     def _has_rebooted(self, message: Any) -> bool:
         kind = message.get_type()

@@ -137,11 +137,11 @@ class Pilot:
         """Obey nobody until `resume`: stay on the ground; in flight hold, then return."""
         self._distrusted = why
 
-    def answered(self, kind: type[Request], accepted: bool, why: str, now: float) -> None:
-        """Take the autopilot's answer to a request."""
+    def answered(self, kind: type[Request], accepted: bool, why: str, since: float) -> None:
+        """Take the autopilot's answer to a request; a mode heard after `since` was told later."""
         self._requests.answered(kind, accepted, why)
         if kind is SetMode and accepted:
-            self._authority.accepted(now)
+            self._authority.accepted(since)
 
     def update(self, telemetry: Telemetry | None, now: float) -> PilotOutput:
         """Return what to do now; `telemetry` is None while the link is lost."""

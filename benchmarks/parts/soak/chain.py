@@ -87,7 +87,7 @@ class BridgeProcess(Process):
     """The MAVLink bridge."""
 
     name = 'bridge'
-    reads = 'command', 'goals'
+    reads = 'command', 'goals', 'to_bridge', 'failed'
     writes = ()
 
     def __init__(self, vehicle: Vehicle, *process: Any) -> None:
@@ -148,6 +148,11 @@ class BridgeProcess(Process):
             self.core.pilot.goals_wanted, self._goals_at = any(values), self.clock
         if self.clock - self._goals_at > SETTINGS.manager_timeout:
             self.core.pilot.goals_wanted = None
+        for goal in self.bus.to_bridge.take(self.now):
+            self.core.pilot.work.completed(goal, self.clock)
+        for goal in self.bus.failed.take(self.now):
+            if goal == self.core.output.active:
+                self.core.pilot.work.fail('the program says so')
         for stamp, text in self.bus.command.take(self.now):
             try:
                 stamp_age('mission_command', stamp, self.wall, SETTINGS.manager_timeout)
@@ -161,8 +166,7 @@ class BridgeProcess(Process):
         bus, now = self.bus, self.now
         if step.pilot.completed:
             self.watch.completed(step.pilot.completed)
-            bus.completed.publish(step.pilot.completed, now)
-            bus.to_station.publish(step.pilot.completed, now)
+            bus.complete(step.pilot.completed, now)
         if step.pilot.refused:
             goals = [goal.name for goal in self.mission.goals]
             for goal in goals if step.pilot.losing_ground else [step.pilot.refused]:

@@ -13,6 +13,7 @@ from parts.soak.invariants import Invariants
 from parts.soak.processes import Bus, Process
 from parts.soak.vehicle import Vehicle
 from parts.soak.wires import Wire
+from parts.soak.work import Program
 from uav_mission_manager.autopilot.bridge import WARNING_PHASES
 from uav_mission_manager.policy import Policy
 
@@ -62,6 +63,7 @@ class Day:
         self.vehicle_texts: list[str] = []
         self.said: deque[str] = deque(maxlen=SAID_STEPS)
         self.invariants = Invariants(self)
+        self.program = Program(self)
         self.every_step: Callable[[], None] = lambda: None
         self._threat_at = 0.0
         self._dead: set[Process] = set()
@@ -83,6 +85,7 @@ class Day:
             self._notice_death(process)
         if self.bridge.works:
             self.said.append(self.diagnosis)
+        self.program.step()
         self.every_step()
         self.invariants.check(STEP)
 
@@ -201,8 +204,8 @@ class Day:
 
     def refused(self, goal: str) -> None:
         """See `Watch`."""
-        self.note('bridge', f'{goal} out of reach')
-        self.counts['goals out of reach'] += 1
+        self.note('bridge', f'{goal} refused')
+        self.counts['goals refused'] += 1
         self.refused_goals.add(goal)
 
     # What can be seen

@@ -32,6 +32,8 @@ ORDERS = {
 TO_FLY = {mavlink.MAV_CMD_COMPONENT_ARM_DISARM, mavlink.MAV_CMD_NAV_TAKEOFF}
 """Commands that make it leave the ground."""
 
+PICTURE = mavlink.MAV_CMD_IMAGE_START_CAPTURE
+
 NEEDED = {'HEARTBEAT', 'GLOBAL_POSITION_INT', 'EXTENDED_SYS_STATE'}
 """What is to be heard before an order: mode, position, landed state."""
 
@@ -74,6 +76,7 @@ class Invariants:
         self.checked: Counter[str] = Counter()
         self.command = ''
         self._goals = {goal.name: goal.cell for goal in day.mission.goals}
+        self._photographed = day.mission.goals[0].name  # as `with_work` has it
         self._where = Whereabouts(day, self.checked)
         self._changes: deque[float] = deque(maxlen=MAX_CHANGES + 1)
         self._heard: set[str] = set()
@@ -81,6 +84,7 @@ class Invariants:
         self._boot_time = 0
         self._yields = self._sees = False  # the bridge has seen someone else in command; just now
         self._ordered_mode: float | None = None
+        self._resumed_in: float | None = None  # until it is known to have left this mode
         self._held = self._guided_gives = False
         self._short_since: float | None = None
         self._troubled_at = -math.inf
@@ -107,7 +111,7 @@ class Invariants:
     def resumed(self) -> tuple[Any, ...]:
         """Take note of ~/resume; return what to take back if it is not taken."""
         before = self._held, self._yields or self._sees, self.day.vehicle.foreign
-        self.day.vehicle.foreign = None
+        self._resumed_in, self.day.vehicle.foreign = self.day.vehicle.foreign, None
         self._held = self._yields = self._sees = self._guided_gives = False
         self._cancelled_at = self.day.now
         return before
@@ -161,12 +165,14 @@ class Invariants:
     def _see_mode(self, message: Any) -> None:
         """Whoever else has command is seen by the mode, and in it nothing is ordered any more."""
         foreign = self.day.vehicle.foreign
+        if message.custom_mode != self._resumed_in:
+            self._resumed_in = None
         if foreign is None or foreign != message.custom_mode:
             return
         if foreign == SimulatedMode.GUIDED and self._guided_gives:
             self._yields = False
-        if foreign in (SimulatedMode.GUIDED, self._ordered_mode):
-            return  # In a mode of the bridge's own nobody can tell.
+        if foreign in (SimulatedMode.GUIDED, self._ordered_mode, self._resumed_in):
+            return  # In a mode of the bridge's own, or not known to be left, nobody can tell.
         if message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED:
             self._sees = True
             self._cancelled_at = self.day.now
@@ -175,6 +181,8 @@ class Invariants:
         """A refusal of what was sent lately has to be said."""
         fine = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS
         sent_at, phase = self._order_at.pop(message.command, (-math.inf, ''))
+        if message.command == mavlink.MAV_CMD_DO_SET_MODE and message.result in fine:
+            self._resumed_in = None
         if message.result not in fine and now - sent_at < 1.0:
             self._refusals.append((now, short_name('MAV_CMD', message.command), phase))
 
@@ -182,6 +190,8 @@ class Invariants:
         """Check what the bridge asks of the vehicle."""
         if message.get_type() not in ('COMMAND_LONG', 'COMMAND_INT'):
             return
+        if message.command == PICTURE:
+            self._check_work('a picture', self._photographed)
         if message.command not in ORDERS:
             return
         self.checked['orders'] += 1
@@ -199,6 +209,15 @@ class Invariants:
                 fail('held', f'{order} before ~/resume')
             if self.wishes.none_for > GRACE:
                 fail('flies only for a goal', f'{order}, and none is wanted')
+
+    def _check_work(self, what: str, goal: str) -> None:
+        """What is done at a goal is done there, and not while someone else is in command."""
+        self.checked['work'] += 1
+        if not self._where.at(goal):
+            distance = self.day.vehicle.distance(self.day.mission.grid, self._goals[goal])
+            fail('done where it is', f'{what}, {distance:.1f} m from {goal}')
+        if self._yields or self._sees or self._held:
+            fail('never against a pilot', what)
 
     # Between the processes
 
@@ -248,6 +267,8 @@ class Invariants:
         if silent or day.now - day.bridge.worked_at > STALL + SLACK:
             self._heard.clear()
         self.wishes.pass_time(dt, all_work=day.all_work)
+        if day.bridge.up and (active := day.bridge.core.output.active):
+            self._check_work('the work of a program', active)
         self._where.check()
         self._check_reserve()
         self._check_homeward()

@@ -70,7 +70,13 @@ class Bus:
         self.battery, self.odom, self.fault, self.threat = lossy(), lossy(), lossy(), lossy()
         self.priorities = Topic(rng, LOSS, depth=1)
         self.completed, self.refused, self.to_station = event(), event(), event()
+        self.to_bridge, self.failed = event(), event()
         self.command, self.goals, self.policy = latched(), latched(), latched()
+
+    def complete(self, goal: str, now: float) -> None:
+        """Tell everybody that a goal is completed."""
+        for topic in (self.completed, self.to_station, self.to_bridge):
+            topic.publish(goal, now)
 
 
 class Process:
