@@ -191,7 +191,7 @@ class Invariants:
         if message.get_type() not in ('COMMAND_LONG', 'COMMAND_INT'):
             return
         if message.command == PICTURE:
-            self._check_work('a picture', self._photographed)
+            self.check_work('a picture', self._photographed)
         if message.command not in ORDERS:
             return
         self.checked['orders'] += 1
@@ -210,8 +210,8 @@ class Invariants:
             if self.wishes.none_for > GRACE:
                 fail('flies only for a goal', f'{order}, and none is wanted')
 
-    def _check_work(self, what: str, goal: str) -> None:
-        """What is done at a goal is done there, and not while someone else is in command."""
+    def check_work(self, what: str, goal: str) -> None:
+        """Check work at a goal: it is done there, and not while someone else is in command."""
         self.checked['work'] += 1
         if not self._where.at(goal):
             distance = self.day.vehicle.distance(self.day.mission.grid, self._goals[goal])
@@ -267,8 +267,6 @@ class Invariants:
         if silent or day.now - day.bridge.worked_at > STALL + SLACK:
             self._heard.clear()
         self.wishes.pass_time(dt, all_work=day.all_work)
-        if day.bridge.up and (active := day.bridge.core.output.active):
-            self._check_work('the work of a program', active)
         self._where.check()
         self._check_reserve()
         self._check_homeward()

@@ -51,6 +51,8 @@ class Program:
         """Go on with the work; say what became of it, once."""
         day = self._day
         active = day.bridge.core.output.active if day.bridge.works else ''
+        if active:
+            day.invariants.check_work('the work of a program', active)
         if active != self._goal:
             self._goal, self._begun_at = active, day.now
         if active and day.now - self._begun_at >= WORK_TIME:
