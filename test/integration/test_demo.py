@@ -21,7 +21,7 @@ ON_SITE = '1 1 2 5 1 0 0'
 class Demo:
     """`demo` as a process whose lines are read as they come."""
 
-    def __init__(self, logs: Path, domain: int) -> None:
+    def __init__(self, logs: Path, domain: int, *arguments: str) -> None:
         environment = {
             **os.environ,
             'ROS_DOMAIN_ID': str(domain),
@@ -29,7 +29,14 @@ class Demo:
         }
         self.logs = logs
         self.process = subprocess.Popen(
-            [sys.executable, '-m', 'uav_mission_manager.cli.demo', '--logs', str(logs)],
+            [
+                sys.executable,
+                '-m',
+                'uav_mission_manager.cli.demo',
+                '--logs',
+                str(logs),
+                *arguments,
+            ],
             cwd=ROOT,
             env=environment,
             text=True,
@@ -64,9 +71,9 @@ class Demo:
 
 
 @pytest.fixture
-def demo(tmp_path: Path) -> Iterator[Demo]:
+def demo(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Demo]:
     with ros_domain() as domain:
-        demo = Demo(tmp_path / 'logs', domain)
+        demo = Demo(tmp_path / 'logs', domain, *getattr(request, 'param', ()))
         yield demo
         if demo.process.poll() is None:
             demo.process.terminate()
@@ -122,3 +129,15 @@ def test_ctrl_c_ends_everything_that_was_started(demo):
     demo.process.send_signal(signal.SIGINT)
     assert demo.finish() == 130
     assert not [name for name, pid in pids.items() if alive(pid)]
+
+
+OWN = '--policy', 'policies/case_study', '--speedup', '16'
+
+
+@pytest.mark.parametrize('demo', [OWN], indirect=True)
+def test_each_goal_of_a_policy_sets_mission_is_flown_once(demo):
+    assert demo.finish() == 0, demo.text
+    assert 'Mission case_study: 3 of 3 goals achieved, vehicle home and disarmed' in demo.text
+    assert demo.text.count('* base station: goal1 high, goal2 high, goal3 high') == 1
+    for goal in ('goal1', 'goal2', 'goal3'):
+        assert demo.text.count(f'* vehicle: {goal} completed') == 1

@@ -43,8 +43,8 @@ class DemoFlight(Node):
     cell, fault : int, str
         Where the vehicle is, and its fault mode.
     armed : bool
-    asked, completed : set of str, list of str
-        Goals asked for and, in order, achieved.
+    asked, completed, refused : set of str, list of str, set of str
+        Goals asked for; in order, achieved; given up.
     """
 
     def __init__(self, mission: Mission, crew_connection: str, view: View) -> None:
@@ -57,6 +57,7 @@ class DemoFlight(Node):
         self.phase = ''
         self.asked: set[str] = set()
         self.completed: list[str] = []
+        self.refused: set[str] = set()
         self.threat = ThreatArea()
         self._crew = mavutil.mavlink_connection(crew_connection, source_system=255)
         self._injections: dict[str, float] = {}
@@ -77,6 +78,7 @@ class DemoFlight(Node):
         listen(Odometry, 'odom', self._on_odom, qos.SENSOR)
         listen(String, 'fault_mode', self._on_fault, qos.STATE_IN)
         listen(String, 'goal_completed', self._on_completed, qos.EVENT)
+        listen(String, 'goal_refused', self._on_refused, qos.EVENT)
 
     def close(self) -> None:
         """Close the crew's link and the node."""
@@ -89,11 +91,23 @@ class DemoFlight(Node):
         return not self.armed and self.phase in (Phase.GROUND.value, Phase.HOLDING.value)
 
     @property
+    def place(self) -> str:
+        """Where the vehicle stands disarmed: 'home', 'at the service cell', or '' elsewhere."""
+        grid = self.mission.grid
+        places = {grid.service: 'at the service cell', grid.base: 'home'}
+        return places.get(self.cell, '') if self.on_ground else ''
+
+    @property
     def home(self) -> bool:
         """Whether the vehicle stands disarmed at the base."""
-        return self.on_ground and self.cell == self.mission.grid.base
+        return self.place == 'home'
 
-    def ask(self, **priorities: int) -> None:
+    @property
+    def over(self) -> set[str]:
+        """Goals that were completed or refused."""
+        return {*self.completed, *self.refused}
+
+    def ask(self, /, **priorities: int) -> None:
         """As the base station, set the priorities of goals by name; the others become 0."""
         self.asked |= {name for name, priority in priorities.items() if priority}
         wanted = [priorities.get(goal.name, 0) for goal in self.mission.goals]
@@ -170,3 +184,8 @@ class DemoFlight(Node):
     def _on_completed(self, message: String) -> None:
         self.completed.append(message.data)
         self.view.event(f'vehicle: {message.data} completed')
+
+    def _on_refused(self, message: String) -> None:
+        if message.data not in self.refused:
+            self.view.event(f'vehicle: {message.data} refused')
+        self.refused.add(message.data)

@@ -17,7 +17,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from uav_mission_manager.cli.demo.flight import DemoFlight
-from uav_mission_manager.cli.demo.scenarios import Wait, case_one, three_goals
+from uav_mission_manager.cli.demo.scenarios import Wait, case_one, own_mission, three_goals
 from uav_mission_manager.cli.demo.stack import Stack
 from uav_mission_manager.cli.demo.view import View
 from uav_mission_manager.cli.errors import (
@@ -26,15 +26,19 @@ from uav_mission_manager.cli.errors import (
     one_line_errors,
     undisturbed,
 )
-from uav_mission_manager.echo import quoted
+from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.mdp import Mission, load_mission
 from uav_mission_manager.mdp.fields import positive
 from uav_mission_manager.nodes.transport import without_shared_memory
 from uav_mission_manager.paths import share_directory
-from uav_mission_manager.policy import build_policy
+from uav_mission_manager.policy import build_policy, load_policy
 
 MAX_STEP_TIME = 60.0
 """Time [s] that each step of a scenario may take: a choice."""
+
+MAX_GOAL_TIME = 3600.0
+"""Simulated time [s] that each goal of a mission of one's own may take: a choice, beyond any task
+that a battery lasts for."""
 
 MAX_WATCH_TIME = 45.0
 """Time [s] to watch the vehicle come home by itself after a process has ended: a choice."""
@@ -44,20 +48,45 @@ MAX_BLIND_TIME = 10.0
 
 
 @dataclass(frozen=True)
+class DemoMission:
+    """What the demo flies.
+
+    Attributes
+    ----------
+    title, folder : str
+        What it is called on the screen, and among the logs.
+    script : callable
+        What happens, see `scenarios`.
+    mission : Mission
+    policy : path or None
+        The policy set built from it; None where it is still to be built.
+    limit : float
+        Time [s] that each step of the script may take.
+    """
+
+    title: str
+    folder: str
+    script: Callable[[DemoFlight], Iterator[Wait]]
+    mission: Mission
+    policy: Path | None = None
+    limit: float = MAX_STEP_TIME
+
+
+@dataclass(frozen=True)
 class FlightResult:
-    """How one mission ended; `failure` is empty where all went well."""
+    """How one mission ended; `failure` is empty where all went well, `place` in mid-air."""
 
     title: str
     failure: str
     asked: int
     achieved: int
-    home: bool
+    place: str
     seconds: float
 
     @property
     def good(self) -> bool:
-        """Whether every goal was achieved and the vehicle is home and disarmed."""
-        return not self.failure and self.achieved == self.asked and self.home
+        """Whether every goal was achieved and the vehicle is back and disarmed."""
+        return not self.failure and self.achieved == self.asked and bool(self.place)
 
 
 def main(args: list[str] | None = None) -> int:
@@ -67,7 +96,13 @@ def main(args: list[str] | None = None) -> int:
 
 
 def _parser() -> CommandParser:
-    parser = CommandParser(prog='demo', description='Fly two missions in simulation.')
+    parser = CommandParser(prog='demo', description='Fly two missions in simulation, or your own.')
+    parser.add_argument(
+        '--policy',
+        type=Path,
+        metavar='DIR',
+        help='fly the mission that this policy set was built from, each goal once, instead',
+    )
     parser.add_argument(
         '--speedup',
         type=_speedup,
@@ -90,34 +125,47 @@ def _demonstrate(options: argparse.Namespace) -> int:
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_DOMAIN_ID', str(random.randint(1, 100)))
     logs = options.logs or Path(tempfile.mkdtemp(prefix='uav-demo-'))
-    config = share_directory() / 'config'
-    outcomes = []
-    for title, script, name in (
-        ('Case I: one goal', case_one, 'case_one'),
-        ('Three goals', three_goals, 'case_study'),
-    ):
-        mission = load_mission(config / f'{name}.yaml')
-        outcomes.append(_fly(title, script, mission, logs / name, options.speedup))
-        if not outcomes[-1].good:
+    missions = [_own(options.policy, options.speedup)] if options.policy else _cases()
+    results: list[FlightResult] = []
+    for mission in missions:
+        results.append(_fly(mission, logs / mission.folder, options.speedup))
+        if not results[-1].good:
             break
-    _summarise(outcomes, logs)
-    return 0 if len(outcomes) == 2 and all(outcome.good for outcome in outcomes) else 1
+    _summarise(results, logs)
+    return 0 if all(result.good for result in results) else 1
 
 
-def _fly(
-    title: str,
-    script: Callable[[DemoFlight], Iterator[Wait]],
-    mission: Mission,
-    logs: Path,
-    speedup: float,
-) -> FlightResult:
+def _cases() -> list[DemoMission]:
+    config = share_directory() / 'config'
+    one, three = (load_mission(config / f'{name}.yaml') for name in ('case_one', 'case_study'))
+    return [
+        DemoMission('Case I: one goal', 'case_one', case_one, one),
+        DemoMission('Three goals', 'case_study', three_goals, three),
+    ]
+
+
+def _own(policy: Path, speedup: float) -> DemoMission:
+    """Return the mission that a policy set was built from, if it can be flown."""
+    mission = load_policy(policy).mission
+    for field, value in (('grid.origin', mission.grid.origin), ('energy', mission.energy)):
+        if value is None:
+            raise ValueError(f'{shown(policy)}: {field}: is missing in its mission; needed to fly')
+    limit = max(MAX_GOAL_TIME / speedup, MAX_STEP_TIME)
+    title = f'Mission {shown(mission.name)}'
+    return DemoMission(title, 'mission', own_mission, mission, policy, limit)
+
+
+def _fly(planned: DemoMission, logs: Path, speedup: float) -> FlightResult:
     """Build the policy, start the processes and fly one mission."""
     start = time.monotonic()
+    mission, title = planned.mission, planned.title
     logs.mkdir(parents=True, exist_ok=True)
     mission_file = logs / 'mission.yaml'
     mission_file.write_text(yaml.safe_dump(mission.to_dict()))
-    build_policy(mission).save(logs / 'policy')
-    stack = Stack(mission_file, logs / 'policy', logs, speedup)
+    policy = planned.policy or logs / 'policy'
+    if planned.policy is None:
+        build_policy(mission).save(policy)
+    stack = Stack(mission_file, policy, logs, speedup)
     without_shared_memory()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     executor = SingleThreadedExecutor()
@@ -126,14 +174,14 @@ def _fly(
         view.start()
         flight = DemoFlight(mission, stack.crew_connection, view)
         executor.add_node(flight)
-        stack.start(_origin(mission))
+        stack.start(_origin(mission), mission.energy.speed if mission.energy else None)
         view.event('pids ' + ', '.join(f'{n} {p.pid}' for n, p in stack.processes.items()))
-        failure = _play(script(flight), flight, stack, executor)
+        failure = _play(planned, flight, stack, executor)
         achieved = len(flight.asked & set(flight.completed))
         seconds = time.monotonic() - start
         executor.remove_node(flight)
         flight.close()
-        return FlightResult(title, failure, len(flight.asked), achieved, flight.home, seconds)
+        return FlightResult(title, failure, len(flight.asked), achieved, flight.place, seconds)
     finally:
         with undisturbed():
             stack.stop()
@@ -142,11 +190,11 @@ def _fly(
 
 
 def _play(
-    script: Iterator[Wait], flight: DemoFlight, stack: Stack, executor: SingleThreadedExecutor
+    planned: DemoMission, flight: DemoFlight, stack: Stack, executor: SingleThreadedExecutor
 ) -> str:
-    """Play a script to its end; return what went wrong, if anything."""
-    for what, reached in script:
-        limit = time.monotonic() + MAX_STEP_TIME
+    """Play the script to its end; return what went wrong, if anything."""
+    for what, reached in planned.script(flight):
+        limit = time.monotonic() + planned.limit
         while not reached():
             executor.spin_once(timeout_sec=0.1)
             look_for_interruption()
@@ -156,7 +204,7 @@ def _play(
                 _watch(flight, stack, executor)
                 return f'{who} ended while waiting for {what}'
             if time.monotonic() > limit:
-                return f'no sign of {what} within {MAX_STEP_TIME:.0f} s'
+                return f'no sign of {what} within {planned.limit:.0f} s'
     return ''
 
 
@@ -180,13 +228,13 @@ def _origin(mission: Mission) -> str:
     return f'{latitude:.9f},{longitude:.9f},{origin.altitude}'
 
 
-def _summarise(outcomes: list[FlightResult], logs: Path) -> None:
+def _summarise(results: list[FlightResult], logs: Path) -> None:
     print()
-    for outcome in outcomes:
-        verdict = 'done' if outcome.good else f'FAILED: {outcome.failure or "goals left undone"}'
+    for result in results:
+        verdict = 'done' if result.good else f'FAILED: {result.failure or "goals left undone"}'
         print(
-            f'{outcome.title}: {outcome.achieved} of {outcome.asked} goals achieved, vehicle '
-            f'{"home and disarmed" if outcome.home else "not home"}, {outcome.seconds:.0f} s: '
-            f'{verdict}'
+            f'{result.title}: {result.achieved} of {result.asked} goals achieved, vehicle '
+            f'{f"{result.place} and disarmed" if result.place else "not home"}, '
+            f'{result.seconds:.0f} s: {verdict}'
         )
     print(f'logs: {logs}')

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 from uav_mission_manager.cli.demo.flight import DemoFlight
 
@@ -69,3 +70,24 @@ def three_goals(flight: DemoFlight) -> Iterator[Wait]:
     flight.inject('ground crew: battery replaced', SIM_BATT_PCT=100)
     yield 'every goal completed', lambda: flight.asked <= set(flight.completed)
     yield 'the vehicle home and disarmed', lambda: flight.home
+
+
+def own_mission(flight: DemoFlight) -> Iterator[Wait]:
+    """Each goal once; the ground crew replaces the battery whenever the vehicle comes for it."""
+    service = flight.mission.grid.service
+
+    def waits_for_battery() -> bool:
+        return flight.command == 'recharge' and flight.on_ground and flight.cell == service
+
+    def gone_on(over: set[str]) -> bool:
+        return flight.over != over or waits_for_battery()
+
+    flight.ask()  # The manager decides nothing before it is told what is wanted.
+    yield 'the vehicle ready at the base', lambda: bool(flight.command) and flight.home
+    flight.ask(**{goal.name: 2 for goal in flight.mission.goals})
+    while not flight.asked <= flight.over:
+        yield 'the next goal completed', partial(gone_on, flight.over)
+        if waits_for_battery():
+            flight.inject('ground crew: battery replaced', SIM_BATT_PCT=100)
+            yield 'the command to fly on', lambda: not waits_for_battery()
+    yield 'the landing at the base, or the service cell', lambda: bool(flight.place)

@@ -57,8 +57,11 @@ class Stack:
         self._crew = f'127.0.0.1:{crew}'
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
 
-    def start(self, origin: str) -> None:
-        """Start everything; `origin` is the home position, latitude,longitude,altitude."""
+    def start(self, origin: str, speed: float | None = None) -> None:
+        """Start everything.
+
+        `origin` is the home position, latitude,longitude,altitude; `speed` the cruise speed [m/s].
+        """
         self._start(
             'sim_autopilot',
             'autopilot.sim_autopilot',
@@ -67,8 +70,14 @@ class Stack:
         )
         mission = {'mission': self.mission}
         connection = f'udpin:{self._vehicle}'
+        speeds = {} if speed is None else {'cruise_speed': speed}
         self._start_node(
-            'mavlink_bridge', connection=connection, **mission, **BRIDGE_PARAMETERS, **ALONE
+            'mavlink_bridge',
+            connection=connection,
+            **mission,
+            **speeds,
+            **BRIDGE_PARAMETERS,
+            **ALONE,
         )
         self._start_node('manager', policy=self.policy, **MANAGER_PARAMETERS, **ALONE)
         self._start_node('base_station', **mission, **ALONE)
