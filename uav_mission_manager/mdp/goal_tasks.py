@@ -30,11 +30,10 @@ WAYPOINT_REACH = 1.0
 choice, so that the vehicle stays about where the model has it."""
 
 _TIME = fields.within(0.0, MAX_TIME)
-_PLACE = (
-    fields.within(-90.0, 90.0),
-    fields.within(-180.0, 180.0),
-    fields.within(5.0, 500.0),  # Below, an error of the height is a crash.
-)
+waypoint_height = fields.within(5.0, 500.0)
+"""Check a height above ground [m]: below, an error of it is a crash."""
+
+_PLACE = (fields.within(-90.0, 90.0), fields.within(-180.0, 180.0), waypoint_height)
 
 
 def _waypoints(value: Any) -> tuple[Waypoint, ...]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, NoReturn, TypeAlias, get_args
 
 from uav_mission_manager.echo import shown
+from uav_mission_manager.goal_task import GoalTask, Waypoint, Waypoints
 from uav_mission_manager.mdp import MissionError
 from uav_mission_manager.mdp.areas import Polygon
 from uav_mission_manager.mdp.fields import MAX_NAME_LENGTH, Bad, latitude, longitude, number
@@ -23,7 +24,7 @@ CLOSED = 4
 """Positions of the shortest closed ring: a triangle, its first corner repeated."""
 
 MAX_FEATURES = 1000
-"""Places and outlines that are taken at most: a choice, more than anybody flies to."""
+"""Places and outlines that are taken at most, and lines: a choice, more than anybody flies to."""
 
 ROOM_FOR_NUMBER = 10
 """Characters of a name left for what makes it unique."""
@@ -43,6 +44,8 @@ class Place:
         Where it comes from, for people.
     altitude : float or None
         Above mean sea level [m], where it is known.
+    task : GoalTask or None
+        What is to be done there.
     """
 
     name: str
@@ -50,16 +53,35 @@ class Place:
     longitude: float
     source: str
     altitude: float | None = None
+    task: GoalTask | None = None
+
+    @property
+    def waypoints(self) -> tuple[Waypoint, ...]:
+        """Those of its task, none if it is of another kind."""
+        return self.task.points if isinstance(self.task, Waypoints) else ()
 
 
 @dataclass(frozen=True)
 class Outline:
-    """A polygon; `role` is None where the file does not say what it is for."""
+    """A polygon; `role` is None where the file does not say what it is for.
+
+    A `task` is for the goal that it may become.
+    """
 
     name: str
     polygon: Polygon
     source: str
     role: Role | None = None
+    task: Waypoints | None = None
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line that may be flown along."""
+
+    name: str
+    points: Polygon
+    source: str
 
 
 @dataclass
@@ -74,6 +96,7 @@ class Found:
     places : list of Place
         Points to fly to.
     outlines : list of Outline
+    lines : list of Line
     left_out : list of (what, why)
     speed, height : (number, where it is from) or None
         Speed of flight [m/s]; height of flight above home [m].
@@ -83,6 +106,7 @@ class Found:
     home: Place | None = None
     places: list[Place] = field(default_factory=list)
     outlines: list[Outline] = field(default_factory=list)
+    lines: list[Line] = field(default_factory=list)
     left_out: list[tuple[str, str]] = field(default_factory=list)
     speed: tuple[float, str] | None = None
     height: tuple[float, str] | None = None
@@ -95,10 +119,12 @@ class Found:
         """Note that something is not used."""
         self.left_out.append((what, why))
 
-    def add_place(self, name: str, point: tuple[float, float], source: str) -> None:
+    def add_place(
+        self, name: str, point: tuple[float, float], source: str, task: GoalTask | None = None
+    ) -> None:
         """Add a place to fly to."""
         self._no_more_than_enough(source)
-        self.places.append(Place(self._unique(name), *point, source))
+        self.places.append(Place(self._unique(name), *point, source, task=task))
 
     def add_point(self, name: str, point: tuple[float, float], source: str) -> None:
         """Add a point of a map: the home if it is called so, else a place to fly to."""
@@ -108,24 +134,41 @@ class Found:
             self.add_place(name, point, source)
 
     def add_outline(
-        self, name: str, polygon: Polygon, source: str, role: Role | None = None
+        self,
+        name: str,
+        polygon: Polygon,
+        source: str,
+        role: Role | None = None,
+        task: Waypoints | None = None,
     ) -> None:
         """Add an outline."""
         self._no_more_than_enough(source)
-        self.outlines.append(Outline(self._unique(name), polygon, source, role))
+        self.outlines.append(Outline(self._unique(name), polygon, source, role, task))
 
-    def features(self) -> list[Place | Outline]:
-        """Return places and outlines."""
-        return [*self.places, *self.outlines]
+    def add_line(self, name: str, points: Any, source: str) -> None:
+        """Add a line, given as GeoJSON has it; leave it out if it is none."""
+        try:
+            line = line_of(points, longitude_first=True)
+        except Bad as error:
+            self.leave_out(source, str(error))
+            return
+        if len(self.lines) == MAX_FEATURES:
+            self.leave_out(source, f'more than {MAX_FEATURES} lines')
+            return
+        self.lines.append(Line(self._unique(name), line, source))
+
+    def features(self) -> list[Place | Outline | Line]:
+        """Return places, outlines and lines."""
+        return [*self.places, *self.outlines, *self.lines]
 
     def _no_more_than_enough(self, source: str) -> None:
-        if len(self.features()) == MAX_FEATURES:
+        if len(self.places) + len(self.outlines) == MAX_FEATURES:
             self.fail(source, f'more than {MAX_FEATURES} points and areas')
 
     def _unique(self, name: str) -> str:
         valid = valid_name(name)
         used = {one.name for one in self.features()}
-        names = (valid, *(f'{valid}_{number}' for number in range(2, MAX_FEATURES + 2)))
+        names = (valid, *(f'{valid}_{number}' for number in range(2, 2 * MAX_FEATURES + 2)))
         return next(name for name in names if name not in used)
 
 
@@ -173,3 +216,16 @@ def ring_of(given: Any, *, longitude_first: bool = False) -> Polygon:
     if len(corners) < CLOSED - 1:
         raise Bad(f'{len(corners)} corners are none of an area, which has at least 3')
     return corners
+
+
+def line_of(given: Any, *, longitude_first: bool = False) -> Polygon:
+    """Return the points of a line in a file.
+
+    Raises
+    ------
+    Bad
+        If it is none.
+    """
+    if not isinstance(given, (list, tuple)) or len(given) < 2:
+        raise Bad(f'{shown(given)} is no line of two or more points')
+    return tuple(point_of(point, longitude_first=longitude_first) for point in given)

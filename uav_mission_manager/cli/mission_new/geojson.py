@@ -1,4 +1,4 @@
-"""Reads GeoJSON (RFC 7946): its points and polygons."""
+"""Reads GeoJSON (RFC 7946): its points, polygons and lines."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ def _read_geometry(found: Found, geometry: JsonValue, name: str, what: str) -> N
             found.add_outline(name, polygon, what)
             if len(rings) > 1:
                 found.leave_out(what, 'its holes: the area is taken whole')
-        elif kind in ('LineString', 'MultiLineString'):
-            found.leave_out(what, 'a line is neither a place nor an area')
+        elif kind == 'LineString':
+            found.add_line(name, coordinates.value, what)
         else:
             part['type'].fail(f'{shown(kind)} is no geometry of GeoJSON')
 
@@ -79,7 +79,7 @@ def _parts(geometry: JsonValue, depth: int = 0) -> Iterator[JsonValue]:
     if kind == 'GeometryCollection':
         for member in geometry['geometries'].entries():
             yield from _parts(member, depth + 1)
-    elif kind in ('MultiPoint', 'MultiPolygon'):
+    elif kind in ('MultiPoint', 'MultiPolygon', 'MultiLineString'):
         for entry in geometry['coordinates'].entries():
             single = {'type': kind.removeprefix('Multi'), 'coordinates': entry.value}
             yield JsonValue(single, geometry.source, entry.place)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import combinations
 
-from shapely import LineString, Point, STRtree
+from shapely import LineString, MultiPoint, Point, STRtree, minimum_bounding_circle
 from shapely import Polygon as Shape
 
 from uav_mission_manager.cli.mission_new.found import Outline, Place
 from uav_mission_manager.echo import shown
 from uav_mission_manager.geodesy import Origin
+from uav_mission_manager.goal_task import Waypoints
 from uav_mission_manager.mdp import Mission
 from uav_mission_manager.mdp.areas import Polygon
 
@@ -19,10 +20,24 @@ MAX_NAMED = 6
 
 
 def inner_place(outline: Outline) -> Place:
-    """Return a place within an outline, for a goal."""
+    """Return a place for the goal of an outline: within it, or amid the waypoints of its task."""
+    if outline.task is not None:
+        return Place(outline.name, *task_middle(outline.task), outline.source, task=outline.task)
     plane = Origin(*outline.polygon[0], 0.0)
     inside = _shape(outline.polygon, plane).representative_point()
     return Place(outline.name, *plane.to_geodetic(inside.x, inside.y), outline.source)
+
+
+def task_middle(task: Waypoints) -> tuple[float, float]:
+    """Return the `middle` of the waypoints of a task."""
+    return middle([(point.latitude, point.longitude) for point in task.points])
+
+
+def middle(points: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Return the place [deg] from which the farthest of some is as near as can be."""
+    plane = Origin(*points[0], 0.0)
+    around = minimum_bounding_circle(MultiPoint([plane.to_local(*point) for point in points]))
+    return plane.to_geodetic(around.centroid.x, around.centroid.y)
 
 
 def warnings_of(mission: Mission, goals: Sequence[Place]) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Reads KML, as Google Earth writes it: its placemarks that are points and polygons."""
+"""Reads KML, as Google Earth writes it: its placemarks that are points, polygons and lines."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from uav_mission_manager.mdp import MissionError
 from uav_mission_manager.mdp.fields import Bad
 
 LEFT_OUT = {
-    'LineString': 'a line is neither a place nor an area',
     'LinearRing': 'a line is neither a place nor an area',
     'Track': 'a track is neither a place nor an area',
     'MultiTrack': 'a track is neither a place nor an area',
@@ -84,6 +83,8 @@ def _read_placemark(found: Found, placemark: Element) -> None:
                 found.add_outline(name, polygon, what)
                 if geometry.find('{*}innerBoundaryIs') is not None:
                     found.leave_out(what, 'its holes: the area is taken whole')
+            elif kind == 'LineString':
+                found.add_line(name, _coordinates(_text(geometry, 'coordinates')), what)
             elif kind in LEFT_OUT:
                 found.leave_out(what, LEFT_OUT[kind])
             else:

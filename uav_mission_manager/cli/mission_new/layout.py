@@ -58,7 +58,11 @@ def chosen_size(home: Place, goals: Sequence[Place], others: Sequence[Place]) ->
 
 
 def laid_out(
-    home: Place, places: Sequence[Place], service: Place, by: float | tuple[int, int]
+    home: Place,
+    places: Sequence[Place],
+    service: Place,
+    by: float | tuple[int, int],
+    centred: Place | None = None,
 ) -> Grid:
     """Return the grid of square cells around places, which has as much room on all sides.
 
@@ -72,6 +76,8 @@ def laid_out(
     by : float or (rows, cols)
         Width of a cell [m], then there are as few as can be; or how many, then they are as small
         as can be.
+    centred : Place or None
+        One of the places, to lie in the centre of its cell; the room is then as it comes.
 
     Raises
     ------
@@ -81,26 +87,42 @@ def laid_out(
     origin = Origin(home.latitude, home.longitude, home.altitude or 0.0)
     for _ in range(REFINEMENTS):
         points = _points(places, origin)
-        width, height = _extent(points)
-        rows, cols, size = _dimensions(width, height, by)
+        size = _least_size(points, *by) if isinstance(by, tuple) else by
         if not SMALLEST <= size <= LARGEST:
             raise MissionError(f'cells of {size:g} m are not within {SMALLEST:g}..{LARGEST:g} m')
-        east = min(x for x, _ in points) - (cols * size - width) / 2 + size / 2
-        north = max(y for _, y in points) + (rows * size - height) / 2 - size / 2
-        origin = Origin(*origin.to_geodetic(east, north), origin.altitude)
+        given = by if isinstance(by, tuple) else (None, None)
+        east, north = _points([centred], origin)[0] if centred else (None, None)
+        south = None if north is None else -north
+        rows, first_south = _cells_along([-y for _, y in points], size, given[0], south)
+        cols, first_east = _cells_along([x for x, _ in points], size, given[1], east)
+        origin = Origin(*origin.to_geodetic(first_east, -first_south), origin.altitude)
     grid = Grid(rows, cols, 0, 0, size, origin)
     return replace(grid, base=cell_of(grid, home), service=cell_of(grid, service))
 
 
-def _dimensions(
-    width: float, height: float, by: float | tuple[int, int]
-) -> tuple[int, int, float]:
-    """Return rows, columns and the width of a cell [m] for ground of a width and height [m]."""
-    if isinstance(by, tuple):
-        size = max(width / by[1], height / by[0]) / CLEARLY
-        return *by, max(math.ceil(100.0 * size) / 100.0, SMALLEST)
-    rows, cols = (int(length / CLEARLY // by) + 1 for length in (height, width))
-    return rows, cols, by
+def _least_size(points: Sequence[tuple[float, float]], rows: int, cols: int) -> float:
+    """Return the width of a cell [m] by which so many hold all points."""
+    width, height = _extent(points)
+    size = max(width / cols, height / rows) / CLEARLY
+    return max(math.ceil(100.0 * size) / 100.0, SMALLEST)
+
+
+def _cells_along(
+    points: Sequence[float], size: float, count: int | None, centre: float | None
+) -> tuple[int, float]:
+    """Return how many cells there are along one axis, and the centre of the first [m].
+
+    With `centre`, which is then that of a cell, there are as many as it takes.
+    """
+    low, length = min(points), max(points) - min(points)
+    if centre is None:
+        count = count or int(length / CLEARLY // size) + 1
+        return count, low - (count * size - length) / 2 + size / 2
+    before, after = (
+        max(math.ceil(room / CLEARLY / size - 0.5), 0)
+        for room in (centre - low, low + length - centre)
+    )
+    return before + 1 + after, centre - before * size
 
 
 def cell_of(grid: Grid, place: Place) -> int:

@@ -5,8 +5,16 @@ from __future__ import annotations
 import argparse
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
+from uav_mission_manager.cli.mission_new.fitting import (
+    advice,
+    fitting,
+    misfit,
+    reach,
+    with_waypoints,
+)
 from uav_mission_manager.cli.mission_new.found import Found, valid_name
 from uav_mission_manager.cli.mission_new.geojson import read_geojson
 from uav_mission_manager.cli.mission_new.geometry import warnings_of
@@ -53,6 +61,7 @@ def make(options: argparse.Namespace) -> None:
     selection = select(found, options)
     grid, why = _grid(selection, options)
     require_separate_cells(grid, selection.goals)
+    selection, lost = _without_misfits(selection, grid, found)
     speed = (options.speed, '--speed') if options.speed else found.speed
     speed = speed or (DEFAULT_SPEED, 'a guess')
     if grid.cell_size / speed[0] > LONGEST_EPOCH:
@@ -63,11 +72,12 @@ def make(options: argparse.Namespace) -> None:
     height = (options.altitude, '--altitude') if options.altitude else found.height
     name = options.name or valid_name(out.stem)
     notes = [*_notes(found, height), f'The size of cells: {why}.']
-    text = mission_text(name, selection, grid, _worths(selection, options), speed, notes)
+    worths, high = _worths(selection, options), height and height[0]
+    text = mission_text(name, selection, grid, worths, speed, notes, high)
     mission = mission_from_dict(read_yaml(text), str(out))
     write_whole(out, text)
     print_report(out, mission, selection, found, why, speed, height)
-    for warning in (*_out_of_range(mission), *warnings_of(mission, selection.goals)):
+    for warning in (*lost, *_out_of_range(mission), *warnings_of(mission, selection.goals)):
         warnings.warn(warning, stacklevel=2)
 
 
@@ -95,16 +105,40 @@ def _read(file: str) -> Found:
 def _grid(selection: Selection, options: argparse.Namespace) -> tuple[Grid, str]:
     """Return the grid, and why its cells are of that size."""
     home, service, goals = selection.home, selection.service, selection.goals
-    places = [home, service, *goals]
+    places = with_waypoints([home, service, *goals])
     if options.rows or options.cols:
         if options.cell or not (options.rows and options.cols):
             raise MissionError('--rows and --cols go together, in place of --cell')
-        grid = laid_out(home, places, service, (options.rows, options.cols))
-        return grid, 'the least by which so many rows and columns hold all places'
-    if options.cell:
-        return laid_out(home, places, service, options.cell), '--cell'
-    size, why = chosen_size(home, goals, [service])
+        why = 'the least by which so many rows and columns hold all places'
+        return laid_out(home, places, service, (options.rows, options.cols)), why
+    size, why = options.cell, '--cell'
+    if not size:
+        size, why = chosen_size(home, goals, [service, *places[2 + len(goals) :]])
+    if any(goal.waypoints for goal in goals):
+        grid = fitting(home, service, goals, size, larger=not options.cell)
+        if grid is not None and grid.cell_size > size:
+            widest = max(goals, key=reach)
+            why = f'{shown(widest.name)} reaches {reach(widest):.0f} m from its middle'
+        if grid is not None:
+            return grid, why
     return laid_out(home, places, service, size), why
+
+
+def _without_misfits(
+    selection: Selection, grid: Grid, found: Found
+) -> tuple[Selection, list[str]]:
+    """Take tasks away whose waypoints are too far from their goals; return warnings of them."""
+    home, service, goals = selection.home, selection.service, selection.goals
+    problems = {goal.name: problem for goal in goals if (problem := misfit(grid, goal))}
+    if not problems:
+        return selection, []
+    instead = advice(home, service, goals, grid)
+    for goal in goals:
+        if goal.name in problems:
+            found.leave_out(goal.source, 'its waypoints: cells are too small')
+    lost = [f'{shown(name)} has no task: {why}; {instead}' for name, why in problems.items()]
+    kept = (replace(goal, task=None) if goal.name in problems else goal for goal in goals)
+    return replace(selection, goals=tuple(kept)), lost
 
 
 def _worths(selection: Selection, options: argparse.Namespace) -> dict[str, float]:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 from uav_mission_manager.cli.mission_new.layout import cell_of
 from uav_mission_manager.cli.mission_new.selection import Selection
+from uav_mission_manager.cli.task_time import mean_seconds, task_seconds
+from uav_mission_manager.goal_task import Waypoints, task_to_dict
 from uav_mission_manager.mdp import Grid
 from uav_mission_manager.mdp.areas import Polygon
 
@@ -22,7 +25,7 @@ faults:
   # Eight values are by fault mode: nominal, sensor, actuator, both, and the same without camera.
   mtbf: {{sensor: 100.0, actuator: 50.0, camera: 100.0}}   # [h] mean time between failures
   agile_factor: {{sensor: 1.0, actuator: 2.0, camera: 1.0}}
-  # Time at a goal until it is done [s]:
+  # Time at a goal until it is done [s]{done_from}:
   done_in: [{done}, {slow}, {slow}, {slower}, never, never, never, never]
   repair_in: {repair}   # [s]
   cost: [0.0, 2.0, 6.0, 10.0, 1.0, 3.0, 7.0, 12.0]
@@ -51,9 +54,6 @@ energy:
 """The part of which no plan says anything."""
 
 GUESSES = {
-    'done': (30.0, 1),
-    'slow': (60.0, 1),
-    'slower': (90.0, 1),
     'repair': (120.0, 1),
     'normal': (900.0, 4),
     'agile': (600.0, 3),
@@ -63,6 +63,9 @@ GUESSES = {
 }
 """Mean times [s], and how many epochs they are at least: what is shorter the model cannot tell."""
 
+DONE, SLOWER_BY = 30.0, 30.0
+"""Mean time [s] at a goal where no task says it, and how much longer each failed part makes it."""
+
 
 def mission_text(
     name: str,
@@ -71,6 +74,7 @@ def mission_text(
     worths: Mapping[str, float],
     speed: tuple[float, str],
     notes: Iterable[str],
+    height: float | None = None,
 ) -> str:
     """Return the text of a mission file.
 
@@ -87,17 +91,26 @@ def mission_text(
         Cruise speed [m/s], and where it is from.
     notes : iterable of str
         Lines of the comment at the top.
+    height : float or None
+        Of flight [m]; None is the bridge's default.
     """
     epoch = grid.cell_size / speed[0]
-    times = {key: f'{max(least, math.ceil(n * epoch)):.1f}' for key, (least, n) in GUESSES.items()}
+    tasks = _task_times(selection, grid, speed[0], height)
+    known = any(goal.task for goal in selection.goals)
+    done = mean_seconds([*tasks.values()], epoch) if known else DONE
+    guesses = GUESSES | {
+        key: (done + parts * SLOWER_BY, 1) for parts, key in enumerate(('done', 'slow', 'slower'))
+    }
+    times = {key: f'{max(least, math.ceil(n * epoch)):.1f}' for key, (least, n) in guesses.items()}
     rest = PARAMETERS_TEXT.format(
         **times,
         speed=speed[0],
         speed_from=speed[1],
         epoch=f'An epoch, one step from cell to cell, takes {epoch:.3g} s.',
+        done_from=', the first the mean of all goals with their tasks' if known else '',
     )
     head = [f'# {note}' for note in notes]
-    goals = ['goals:', *_goal_lines(selection, grid, worths)]
+    goals = ['goals:', *_goal_lines(selection, grid, worths, tasks)]
     lines = [
         *head,
         f'name: {_quoted(name)}',
@@ -136,17 +149,56 @@ def _grid_lines(grid: Grid, selection: Selection) -> Iterator[str]:
     yield f'    altitude: {origin.altitude!r}'
 
 
-def _goal_lines(selection: Selection, grid: Grid, worths: Mapping[str, float]) -> Iterator[str]:
+def _task_times(
+    selection: Selection, grid: Grid, speed: float, height: float | None
+) -> dict[str, float | None]:
+    """Return how long [s] it takes at each goal by name."""
+    bridge = {} if height is None else {'flight_altitude': height}
+    return {
+        goal.name: task_seconds(goal.task, grid, cell_of(grid, goal), speed, **bridge)
+        for goal in selection.goals
+    }
+
+
+def _goal_lines(
+    selection: Selection,
+    grid: Grid,
+    worths: Mapping[str, float],
+    times: Mapping[str, float | None],
+) -> Iterator[str]:
     assert grid.origin is not None
     for goal in selection.goals:
         cell = cell_of(grid, goal)
         point = grid.origin.to_local(goal.latitude, goal.longitude)
         offset = math.dist(point, grid.position(cell))
-        worth = worths.get(goal.name, 1.0)
-        yield (
-            f'  - {{name: {_quoted(goal.name)}, cell: {cell}, worth: {worth!r}}}'
-            f'   # {_remark(goal.source)}: {offset:.0f} m from the centre of its cell'
-        )
+        fields = {'name': _quoted(goal.name), 'cell': cell, 'worth': worths.get(goal.name, 1.0)}
+        remark = f'{_remark(goal.source)}: {offset:.0f} m from the centre of its cell'
+        if isinstance(goal.task, Waypoints):
+            head, *rest = (f'{key}: {value}' for key, value in fields.items())
+            yield f'  - {head}   # {remark}'
+            yield from (f'    {line}' for line in rest)
+            yield from _waypoint_lines(goal.task, times[goal.name])
+            continue
+        if goal.task is not None:
+            fields['task'] = _flow(task_to_dict(goal.task))
+            remark += f'; about {times[goal.name]:.0f} s'
+        yield f'  - {_flow(fields)}   # {remark}'
+
+
+def _flow(value: Any) -> str:
+    """Return numbers, texts and mappings of them as YAML has them in one line."""
+    if isinstance(value, dict):
+        return '{' + ', '.join(f'{key}: {_flow(entry)}' for key, entry in value.items()) + '}'
+    return str(value)
+
+
+def _waypoint_lines(task: Waypoints, seconds: float | None) -> Iterator[str]:
+    yield '    task:'
+    yield f'      waypoints:   # latitude, longitude, height above ground; about {seconds:.0f} s'
+    for point in task.points:
+        height = '' if point.height is None else f', {point.height!r}'
+        place = f'{point.latitude:.{DECIMALS}f}, {point.longitude:.{DECIMALS}f}'
+        yield f'        - [{place}{height}]'
 
 
 def _area_lines(selection: Selection) -> Iterator[str]:

@@ -17,7 +17,7 @@ def options_parser() -> CommandParser:
     parser = CommandParser(
         prog='mission_new',
         description='Make a mission file from a plan of QGroundControl, a KML or GeoJSON file, or '
-        'from --goal and --home alone. Points and the middle of areas become goals. Probabilities '
+        'from --goal and --home alone. Points, areas and surveys become goals. Probabilities '
         'and costs are guesses to be replaced. Write --home=-35.3,149.1, with =, where the '
         'latitude is negative.',
     )
@@ -53,6 +53,7 @@ def _add_places(group: argparse._ArgumentGroup) -> None:
     for option, metavar, read, text in (
         ('--goal', 'NAME,LATITUDE,LONGITUDE', _goal, 'one more goal'),
         ('--skip', 'NAME', str, 'leave a point or an area out'),
+        ('--line', 'NAME', str, 'a line to fly along, as one more goal'),
         ('--no-fly', 'NAME', str, 'an area not to fly over'),
         ('--fence', 'NAME', str, 'the area to stay in'),
         ('--worth', 'NAME=WORTH', _worth, 'how much a goal matters; an ordinary one 1'),

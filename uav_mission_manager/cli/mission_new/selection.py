@@ -6,8 +6,16 @@ import argparse
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from uav_mission_manager.cli.mission_new.found import Found, Outline, Place, Role, valid_name
-from uav_mission_manager.cli.mission_new.geometry import inner_place
+from uav_mission_manager.cli.mission_new.found import (
+    Found,
+    Line,
+    Outline,
+    Place,
+    Role,
+    valid_name,
+)
+from uav_mission_manager.cli.mission_new.geometry import inner_place, task_middle
+from uav_mission_manager.cli.mission_new.rounds import too_long, waypoints_task
 from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.geodesy import Origin, ground_distance
 from uav_mission_manager.likeness import nearest
@@ -16,6 +24,9 @@ from uav_mission_manager.mdp.areas import MAX_CORNERS, fault_of_polygon
 
 REACH = 100_000.0
 """How far from home places may be [m]: a choice, beyond any multirotor."""
+
+LINE_LEFT_OUT = 'a line is neither a place nor an area; --line NAME flies along it'
+"""Why a line is left out."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +64,12 @@ def select(found: Found, options: argparse.Namespace) -> Selection:
     service = home
     if options.service is not None:
         service = _resolved(found, options.service, '--service')
+    along = [_along(found, name) for name in options.line]
+    for line in found.lines:
+        found.leave_out(line.source, LINE_LEFT_OUT)
     outlines = _with_roles(found, options)
     inner = (inner_place(_sound(found, one)) for one in outlines if one.role == 'goal')
-    goals = (*found.places, *inner)
+    goals = (*found.places, *inner, *along)
     for place in (service, *goals):
         _require_near(found, home, place)
     if not goals:
@@ -72,17 +86,32 @@ def _resolved(found: Found, given: str | Place, option: str) -> Place:
     if isinstance(given, Place):
         return given
     taken = _take(found, given, option)
-    if isinstance(taken, Outline):
-        raise MissionError(f'{option}: {quoted(given)} is an area, not a point')
-    return replace(taken, source=f'{option} {taken.name}: {taken.source}')
+    if not isinstance(taken, Place):
+        kind = 'an area' if isinstance(taken, Outline) else 'a line'
+        raise MissionError(f'{option}: {quoted(given)} is {kind}, not a point')
+    if taken.task is not None:
+        found.leave_out(taken.source, 'its task: it is no goal')
+    return replace(taken, source=f'{option} {taken.name}: {taken.source}', task=None)
 
 
-def _take(found: Found, name: str, option: str) -> Place | Outline:
-    """Take a place or an outline out of what was found."""
+def _along(found: Found, name: str) -> Place:
+    """Return the goal of flying along a line."""
+    line = _take(found, name, '--line')
+    if not isinstance(line, Line):
+        raise MissionError(f'--line: {quoted(name)} is no line')
+    task = waypoints_task((*point, None) for point in line.points)
+    if task is None:
+        raise MissionError(f'--line: {quoted(name)}: {too_long(len(line.points))}')
+    return Place(line.name, *task_middle(task), line.source, task=task)
+
+
+def _take(found: Found, name: str, option: str) -> Place | Outline | Line:
+    """Take a place, an outline or a line out of what was found."""
     for one in found.features():
         if one.name == valid_name(name):
             found.places = [place for place in found.places if place is not one]
             found.outlines = [outline for outline in found.outlines if outline is not one]
+            found.lines = [line for line in found.lines if line is not one]
             return one
     raise _unknown(found, name, option)
 
@@ -131,7 +160,9 @@ def _distance(home: Place) -> Callable[[float, float], float]:
 
 
 def _require_near(found: Found, home: Place, place: Place) -> None:
-    away = _distance(home)(place.latitude, place.longitude)
+    points = [(place.latitude, place.longitude)]
+    points += [(point.latitude, point.longitude) for point in place.waypoints]
+    away = max(_distance(home)(*point) for point in points)
     if away > REACH:
         found.fail(
             place.source,
