@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from uav_mission_manager.cli.tasks import in_words, task_seconds
 from uav_mission_manager.mdp import Mission
 from uav_mission_manager.mdp.epoch import SECONDS_PER_MINUTE
 from uav_mission_manager.onboard.range_model import flight_range, required_ranges
@@ -27,6 +28,10 @@ class GoalFacts:
         Charge, 0 to 1, that has this range; above 1 none has; None where no energy is given.
     eta, delta : float
         Cost an epoch and unit of priority, in range and not committed to, and out of range.
+    task : str
+        What is done there, '' for a stay.
+    task_seconds : float or None
+        How long that takes about [s]; None where nothing says it.
     """
 
     name: str
@@ -37,6 +42,8 @@ class GoalFacts:
     charge: float | None
     eta: float
     delta: float
+    task: str
+    task_seconds: float | None
 
 
 def epoch_seconds(mission: Mission) -> float | None:
@@ -57,18 +64,34 @@ def worth_a_minute(goal: GoalFacts, seconds: float | None) -> tuple[float, float
     return goal.eta * scale, goal.delta * scale
 
 
+def task_text(goal: GoalFacts) -> str:
+    """Return what is done at a goal, and how long it takes, for people; '' for a stay."""
+    known = goal.task and goal.task_seconds is not None
+    return f'{goal.task}, about {goal.task_seconds:.0f} s' if known else goal.task
+
+
 def goal_facts(mission: Mission) -> tuple[GoalFacts, ...]:
     """Facts of all goals, in the order of the mission."""
     grid = mission.grid
     base, service = grid.position(grid.base), grid.position(grid.service)
     ranges = required_ranges(mission, base)
     found = []
-    for goal, needed in zip(mission.goals, ranges):
+    for goal, needed, seconds in zip(mission.goals, ranges, goal_times(mission)):
         place = grid.position(goal.cell)
         ways = math.dist(base, place), math.dist(place, service)
         charge = _charge(mission, needed)
-        found.append(GoalFacts(goal.name, goal.cell, *ways, needed, charge, goal.eta, goal.delta))
+        costs = goal.eta, goal.delta
+        task = in_words(goal.task), seconds
+        found.append(GoalFacts(goal.name, goal.cell, *ways, needed, charge, *costs, *task))
     return tuple(found)
+
+
+def goal_times(mission: Mission) -> list[float | None]:
+    """Return how long each goal takes about [s], None where nothing says it."""
+    if mission.energy is None:
+        return [None] * mission.k
+    grid, speed = mission.grid, mission.energy.speed
+    return [task_seconds(goal.task, grid, goal.cell, speed) for goal in mission.goals]
 
 
 def _charge(mission: Mission, needed: float) -> float | None:

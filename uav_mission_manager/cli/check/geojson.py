@@ -1,4 +1,4 @@
-"""Cells and goals as GeoJSON (RFC 7946): longitude, latitude; outer rings counter-clockwise."""
+"""Cells, areas and goals as GeoJSON (RFC 7946): longitude, latitude; rings counter-clockwise."""
 
 from __future__ import annotations
 
@@ -7,8 +7,15 @@ from itertools import pairwise
 from typing import Any
 
 from uav_mission_manager.cli.check.facts import goal_facts, marks, onsets
-from uav_mission_manager.cli.check.places import Point, corners, outline
+from uav_mission_manager.cli.check.places import (
+    Point,
+    area_shapes,
+    corners,
+    outline,
+    rounds,
+)
 from uav_mission_manager.geodesy import Origin
+from uav_mission_manager.goal_task import Waypoints
 from uav_mission_manager.mdp import Mission
 
 MOST_CELLS = 10_000
@@ -23,7 +30,9 @@ def geojson(mission: Mission) -> dict[str, Any]:
         )
     features = [_grid(mission, mission.grid.origin)]
     features += _cells(mission, mission.grid.origin)
+    features += _areas(mission, mission.grid.origin)
     features += _goals(mission, mission.grid.origin)
+    features += _rounds(mission, mission.grid.origin)
     return {'type': 'FeatureCollection', 'features': features}
 
 
@@ -52,6 +61,32 @@ def _cells(mission: Mission, origin: Origin) -> list[dict[str, Any]]:
         )
         for cell in cells
     ]
+
+
+def _areas(mission: Mission, origin: Origin) -> list[dict[str, Any]]:
+    return [
+        _feature(
+            _area(origin, area.ring),
+            {'kind': 'fence' if area.stay_inside else 'no_fly', 'name': area.name},
+        )
+        for area in area_shapes(mission)
+    ]
+
+
+def _rounds(mission: Mission, origin: Origin) -> list[dict[str, Any]]:
+    """Waypoints in order: a line, or points alone where it would cross the 180th meridian."""
+    found = []
+    for number, points in rounds(mission).items():
+        places = [_degrees(origin, point) for point in points]
+        longitudes = [longitude for longitude, _ in places]
+        line = len(places) > 1 and max(longitudes) - min(longitudes) <= 180
+        geometry = {'type': 'LineString' if line else 'MultiPoint', 'coordinates': places}
+        goal = mission.goals[number]
+        assert isinstance(goal.task, Waypoints)
+        heights = [point.height for point in goal.task.points]
+        properties = {'kind': 'waypoints', 'goal': goal.name, 'heights_m': heights}
+        found.append(_feature(geometry, properties))
+    return found
 
 
 def _goals(mission: Mission, origin: Origin) -> list[dict[str, Any]]:

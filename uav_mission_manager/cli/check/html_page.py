@@ -10,10 +10,11 @@ from uav_mission_manager.cli.check.facts import (
     epoch_seconds,
     full_range,
     goal_facts,
+    task_text,
     worth_a_minute,
 )
 from uav_mission_manager.cli.check.finding import Finding
-from uav_mission_manager.cli.check.places import reaches
+from uav_mission_manager.cli.check.places import area_shapes, reaches, rounds
 from uav_mission_manager.cli.check.svg_map import svg_map
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import Mission
@@ -33,6 +34,8 @@ svg{width:100%;max-height:80vh}
 table{border-collapse:collapse;width:100%;margin:1rem 0}
 th,td{padding:.3rem .6rem;border-bottom:1px solid #e4e0d6;text-align:right;white-space:nowrap}
 th:nth-child(-n+2),td:nth-child(-n+2){text-align:left;overflow-wrap:anywhere;white-space:normal}
+td:nth-child(2){min-width:7rem}
+th:last-child,td:last-child{text-align:left;white-space:normal}
 .legend{display:flex;flex-wrap:wrap;gap:.4rem 1.4rem;list-style:none;padding:0;font-size:.9rem}
 .legend svg{width:1.6rem;height:1.1rem;vertical-align:-.2rem;margin-right:.4rem;font-size:8px}
 </style>
@@ -46,7 +49,7 @@ $legend
 </ul>
 <table>
 <thead><tr><th>#</th><th>goal</th><th>cell</th><th>from base</th><th>to service</th><th>needs</th>
-<th>charge</th><th>eta, delta</th><th>worth a minute</th></tr></thead>
+<th>charge</th><th>eta, delta</th><th>worth a minute</th><th>task</th></tr></thead>
 <tbody>
 $goals
 </tbody>
@@ -70,7 +73,7 @@ MAP_LEGEND = (
 
 def html_page(mission: Mission, findings: Sequence[Finding]) -> str:
     """Return the page."""
-    legend = [*MAP_LEGEND, *_reach_legend(mission)]
+    legend = [*MAP_LEGEND, *_area_legend(mission), *_reach_legend(mission)]
     return PAGE.substitute(
         title=escape(f'Mission {shown(mission.name)}'),
         summary=escape(_summary(mission)),
@@ -92,6 +95,17 @@ def _summary(mission: Mission) -> str:
     if grid.origin is not None:
         text += f'; cell 0 at {grid.origin.latitude:.6f}, {grid.origin.longitude:.6f} deg'
     return text
+
+
+def _area_legend(mission: Mission) -> list[tuple[str, str]]:
+    """Legend of what only some missions have."""
+    kinds = {area.stay_inside for area in area_shapes(mission)}
+    signs = [
+        ('fence, to stay inside', BOX.format(kind='fence'), True in kinds),
+        ('area not to fly over', BOX.format(kind='no-fly'), False in kinds),
+        ('waypoints', '<path class="round" d="M0 8H24"/>', bool(rounds(mission))),
+    ]
+    return [(text, sign) for text, sign, there in signs if there]
 
 
 def _reach_legend(mission: Mission) -> list[tuple[str, str]]:
@@ -117,6 +131,7 @@ def _rows(mission: Mission) -> list[str]:
             '' if goal.charge is None else f'{goal.charge:.0%}',
             f'{goal.eta:.4g}, {goal.delta:.4g}',
             '' if worth is None else f'{worth[0]:.4g}, {worth[1]:.4g}',
+            task_text(goal),
         )
         rows.append(f'<tr>{"".join(f"<td>{escape(cell)}</td>" for cell in cells)}</tr>')
     return rows

@@ -56,6 +56,9 @@ LIMITS = {
     'faults.agile_factor': PlausibleRange(
         1.0, 10.0, '', 'agile flight spares no part, and wears none out ten times as fast'
     ),
+    'task time': PlausibleRange(
+        0.5, 2.0, '', 'the model takes a goal for done far too soon, or too late'
+    ),
     'horizon': PlausibleRange(
         2.0, 1e5, 'epochs', 'shorter looks no flight ahead; longer counts days and solves slowly'
     ),
@@ -64,7 +67,8 @@ LIMITS = {
     ),
 }
 """By field; `endurance` is that of a full battery, `horizon` 1 / (1 - discount), and `cost ratio`
-that of the largest cost to all others together."""
+that of the largest cost to all others together. `task time` is that of a goal's task over
+`faults.done_in`."""
 
 DRAWN_EPOCHS = 20_000
 """Epochs of flight that are drawn to see whether a goal is ever committed to: what is done in one

@@ -1,14 +1,13 @@
-"""Cells, goals, ways and ranges of a mission as shapes in metres; pages and files draw them.
-
-Here is where other areas of a mission file, such as fences, become shapes too.
-"""
+"""Cells, areas, waypoints and ranges of a mission as shapes in metres, to be drawn."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
+from uav_mission_manager.goal_task import Waypoints
 from uav_mission_manager.mdp import Grid, Mission
+from uav_mission_manager.mdp.areas import Polygon
 from uav_mission_manager.onboard.range_model import flight_range
 
 Point = tuple[float, float]
@@ -39,6 +38,57 @@ class Reach:
     charge: float
     distance: float
     ring: tuple[Point, ...]
+
+
+@dataclass(frozen=True)
+class AreaShape:
+    """A fence, or an area not to fly over.
+
+    Attributes
+    ----------
+    field : str
+        Where it stands in the mission file.
+    name : str
+        Its own; a fence is called so.
+    stay_inside : bool
+        Whether it is the fence.
+    ring : tuple of (float, float)
+        East and north [m] of its corners, counter-clockwise, closed.
+    """
+
+    field: str
+    name: str
+    stay_inside: bool
+    ring: tuple[Point, ...]
+
+
+def area_shapes(mission: Mission) -> list[AreaShape]:
+    """Return the areas not to fly over, and the fence."""
+    areas = mission.areas
+    found = [
+        AreaShape(f'areas.no_fly.{number}', area.name, False, _ring(mission, area.polygon))
+        for number, area in enumerate(areas.no_fly)
+    ]
+    if areas.fence is not None:
+        found.append(AreaShape('areas.fence', 'fence', True, _ring(mission, areas.fence)))
+    return found
+
+
+def _ring(mission: Mission, polygon: Polygon) -> tuple[Point, ...]:
+    assert mission.grid.origin is not None
+    ring = [mission.grid.origin.to_local(*corner) for corner in polygon]
+    doubled = sum(a[0] * b[1] - a[1] * b[0] for a, b in zip(ring, [*ring[1:], ring[0]]))
+    return (*ring, ring[0]) if doubled > 0 else (ring[0], *reversed(ring))
+
+
+def rounds(mission: Mission) -> dict[int, tuple[Point, ...]]:
+    """Return the waypoints [m] of the goals that have some, by the goals' indices."""
+    origin = mission.grid.origin
+    return {
+        number: tuple(origin.to_local(point.latitude, point.longitude) for point in task.points)
+        for number, goal in enumerate(mission.goals)
+        if origin is not None and isinstance(task := goal.task, Waypoints)
+    }
 
 
 def corners(grid: Grid, first: int, last: int) -> tuple[Point, ...]:

@@ -9,6 +9,7 @@ from uav_mission_manager.cli.check.facts import epoch_seconds, full_range, goal_
 from uav_mission_manager.cli.check.finding import Finding
 from uav_mission_manager.cli.check.limits import LIMITS
 from uav_mission_manager.cli.check.probabilities import probability_findings
+from uav_mission_manager.cli.check.tasks_and_areas import area_findings, task_findings
 from uav_mission_manager.mdp import Mission
 from uav_mission_manager.onboard.range_model import endurance
 
@@ -19,6 +20,8 @@ def findings(mission: Mission) -> list[Finding]:
         _horizon,
         _grid,
         _goals,
+        task_findings,
+        area_findings,
         probability_findings,
         cost_findings,
         _energy,

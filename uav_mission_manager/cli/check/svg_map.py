@@ -1,4 +1,4 @@
-"""The map of a mission as SVG, in metres: cells, zones, ways, reach, goals, scale and north.
+"""The map of a mission as SVG, in metres: cells, areas, ways, waypoints, reach, goals, scale.
 
 Everything that comes from the file is escaped. South is down, so y is -north.
 """
@@ -10,7 +10,14 @@ from collections.abc import Iterator
 from html import escape
 
 from uav_mission_manager.cli.check.facts import goal_facts, onsets
-from uav_mission_manager.cli.check.places import Point, corners, outline, reaches
+from uav_mission_manager.cli.check.places import (
+    Point,
+    area_shapes,
+    corners,
+    outline,
+    reaches,
+    rounds,
+)
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import Mission
 
@@ -33,11 +40,15 @@ MAP_STYLE = """
 .there,.onward{stroke:#3d6b99;stroke-opacity:.75;stroke-width:.16em;stroke-linecap:round}
 .onward{stroke:#7a5aa6;stroke-dasharray:.1em .45em}
 .reach{fill:none;stroke:#2f8f5b;stroke-dasharray:.7em .4em;stroke-width:.14em}
+.fence{fill:none;stroke:#2a5d9c;stroke-width:.2em}
+.no-fly{fill:#c22b2b;fill-opacity:.22;stroke:#c22b2b;stroke-width:.14em}
+.round{fill:none;stroke:#b3471d;stroke-width:.12em;stroke-linejoin:round}.waypoint{fill:#b3471d}
 .goal{fill:#b3471d;stroke:#fff}.base-sign{fill:#2a5d9c;stroke:#fff}
 .service-sign{fill:#6a489b;stroke:#fff}.north{fill:#44413a}.scale{stroke:#44413a;fill:none;stroke-width:.12em}
 text{font-family:system-ui,sans-serif;text-anchor:middle;fill:#2b2a26}
 text.sign{fill:#fff;font-weight:700}text.name,text.halo{font-weight:600}text.reach-label{fill:#23734a}
 text.halo{fill:#fff;stroke:#fff;stroke-width:.3em;stroke-opacity:.85;stroke-linejoin:round}
+text.area-name{fill:#8f1d1d}
 text.number{text-anchor:start;fill:#9a9484}
 """
 """Styles of the map; on a page they are those of its legend too."""
@@ -76,9 +87,10 @@ def svg_map(mission: Mission) -> str:
         *_cells(mission),
         *_lines(mission),
         *_numbers(mission, scale),
-        # Fences and areas not to be flown over are drawn here, above the cells, below the ways.
+        *_areas(mission, scale),
         *_reach(mission, scale),
         *_ways(mission),
+        *_rounds(mission, scale),
         *_stations(mission, scale),
         *_goals(mission, scale),
         *_scale_bar(scale),
@@ -132,6 +144,35 @@ def _numbers(mission: Mission, scale: Scale) -> Iterator[str]:
         east, north = grid.position(cell)
         x, y = east - half + 0.5 * size, -north - half + 1.3 * size
         yield f'<text class="number" x="{x:.6g}" y="{y:.6g}" font-size="{size:.4g}">{cell}</text>'
+
+
+def _areas(mission: Mission, scale: Scale) -> Iterator[str]:
+    """Draw the fence and the areas not to fly over, named where they are named on the map."""
+    for area in area_shapes(mission):
+        kind, title = 'fence' if area.stay_inside else 'no-fly', escape(shown(area.name))
+        yield (
+            f'<polygon class="{kind}" points="{_points(area.ring)}">'
+            f'<title>{title}</title></polygon>'
+        )
+        east, north = (sum(values) / len(values) for values in zip(*area.ring[:-1], strict=True))
+        if not area.stay_inside and mission.grid.contains(east, north):
+            yield _text('area-name', east, -north, _short(area.name), 0.75 * scale.text)
+
+
+def _rounds(mission: Mission, scale: Scale) -> Iterator[str]:
+    """Draw the waypoints of goals, with the legs between them."""
+    for number, points in rounds(mission).items():
+        goal = mission.goals[number]
+        here = mission.grid.position(goal.cell)
+        steps = 'L'.join(f'{east:.6g} {-north:.6g}' for east, north in (here, *points))
+        title = escape(f'{shown(goal.name)}: {len(points)} waypoints')
+        size = 0.28 * scale.text
+        dots = ''.join(
+            f'M{east - size / 2:.6g} {-north - size / 2:.6g}h{size:.4g}v{size:.4g}h{-size:.4g}z'
+            for east, north in points
+        )
+        yield f'<path class="round" d="M{steps}"><title>{title}</title></path>'
+        yield f'<path class="waypoint" d="{dots}"/>'
 
 
 def _reach(mission: Mission, scale: Scale) -> Iterator[str]:

@@ -17,9 +17,11 @@ from uav_mission_manager.cli.check.facts import (
     goal_facts,
     marks,
     onsets,
+    task_text,
     worth_a_minute,
 )
 from uav_mission_manager.cli.check.finding import Finding
+from uav_mission_manager.cli.check.places import area_shapes
 from uav_mission_manager.cli.check.solving import Solved
 from uav_mission_manager.cli.forecast_view import WIDTH
 from uav_mission_manager.echo import shown
@@ -69,6 +71,20 @@ def print_mission(console: Console, mission: Mission) -> None:
     console.print(_goal_table(mission))
     if mission.k > SHOWN_GOALS:
         console.print(f'and {mission.k - SHOWN_GOALS} more: see --json')
+    for text in (*_task_lines(mission), *_area_lines(mission)):
+        console.print(text, soft_wrap=True)
+
+
+def _task_lines(mission: Mission) -> Iterator[str]:
+    for goal in goal_facts(mission)[:SHOWN_GOALS]:
+        if goal.task:
+            yield f'task at {shown(goal.name)}: {task_text(goal)}'
+
+
+def _area_lines(mission: Mission) -> Iterator[str]:
+    for area in area_shapes(mission)[:SHOWN_GOALS]:
+        kind = 'fence' if area.stay_inside else f'no-fly area {shown(area.name)}'
+        yield f'{kind}: {len(area.ring) - 1} corners'
 
 
 def map_lines(mission: Mission) -> list[Text]:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+from uav_mission_manager.cli.check.clearance import breaches
 from uav_mission_manager.cli.mission_new.fitting import (
     advice,
     fitting,
@@ -17,7 +18,6 @@ from uav_mission_manager.cli.mission_new.fitting import (
 )
 from uav_mission_manager.cli.mission_new.found import Found, valid_name
 from uav_mission_manager.cli.mission_new.geojson import read_geojson
-from uav_mission_manager.cli.mission_new.geometry import warnings_of
 from uav_mission_manager.cli.mission_new.json_value import read_json
 from uav_mission_manager.cli.mission_new.kml import read_kml
 from uav_mission_manager.cli.mission_new.layout import (
@@ -77,7 +77,13 @@ def make(options: argparse.Namespace) -> None:
     mission = mission_from_dict(read_yaml(text), str(out))
     write_whole(out, text)
     print_report(out, mission, selection, found, why, speed, height)
-    for warning in (*lost, *_out_of_range(mission), *warnings_of(mission, selection.goals)):
+    places = {
+        goal.name: grid.origin.to_local(goal.latitude, goal.longitude)
+        for goal in selection.goals
+        if grid.origin is not None
+    }
+    breached = (finding.text for finding in breaches(mission, places))
+    for warning in (*lost, *_out_of_range(mission), *breached):
         warnings.warn(warning, stacklevel=2)
 
 

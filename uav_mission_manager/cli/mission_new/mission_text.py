@@ -9,7 +9,7 @@ from typing import Any
 
 from uav_mission_manager.cli.mission_new.layout import cell_of
 from uav_mission_manager.cli.mission_new.selection import Selection
-from uav_mission_manager.cli.task_time import mean_seconds, task_seconds
+from uav_mission_manager.cli.tasks import mean_seconds, task_seconds
 from uav_mission_manager.goal_task import Waypoints, task_to_dict
 from uav_mission_manager.mdp import Grid
 from uav_mission_manager.mdp.areas import Polygon

@@ -10,7 +10,7 @@ from shapely import LineString
 from uav_mission_manager.cli.mission_new.found import Found, line_of, point_of, ring_of
 from uav_mission_manager.cli.mission_new.geometry import task_middle
 from uav_mission_manager.cli.mission_new.json_value import JsonValue
-from uav_mission_manager.cli.mission_new.rounds import Leg, too_long, waypoints_task
+from uav_mission_manager.cli.mission_new.rounds import Corner, too_long, waypoints_task
 from uav_mission_manager.echo import shown
 from uav_mission_manager.geodesy import Origin
 from uav_mission_manager.goal_task import Waypoints
@@ -80,7 +80,7 @@ def _above_home(found: Found, altitude: float, above_sea_level: bool) -> float |
     return None if ground is None else altitude - ground
 
 
-def _legs(found: Found, transects: JsonValue, height: float | None) -> list[Leg]:
+def _legs(found: Found, transects: JsonValue, height: float | None) -> list[Corner]:
     """Return the corners of the legs: of the items that are flown, else of the line drawn."""
     legs = [
         (item['params'], params[POSITION], _item_height(found, item, params))
@@ -92,7 +92,7 @@ def _legs(found: Found, transects: JsonValue, height: float | None) -> list[Leg]
         legs = [
             (entry, entry.value, None) for entry in transects['VisualTransectPoints'].entries()
         ]
-    return [_leg(*leg, height) for leg in legs]
+    return [_corner(*leg, height) for leg in legs]
 
 
 def _item_height(found: Found, item: JsonValue, params: Sequence[Any]) -> float | None:
@@ -102,7 +102,7 @@ def _item_height(found: Found, item: JsonValue, params: Sequence[Any]) -> float 
     return _above_home(found, altitude, item['frame'].value in SEA_LEVEL_FRAMES)
 
 
-def _leg(place: JsonValue, point: Any, own: float | None, height: float | None) -> Leg:
+def _corner(place: JsonValue, point: Any, own: float | None, height: float | None) -> Corner:
     high = height if own is None else own
     return (
         *place.read(lambda _: point_of(point)),

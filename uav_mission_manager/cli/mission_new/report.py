@@ -10,8 +10,8 @@ from rich.table import Table
 
 from uav_mission_manager.cli.mission_new.found import Found
 from uav_mission_manager.cli.mission_new.selection import Selection
+from uav_mission_manager.cli.tasks import in_words
 from uav_mission_manager.echo import shown
-from uav_mission_manager.goal_task import GoalTask, task_to_dict
 from uav_mission_manager.mdp import Mission
 
 MOST_ROWS = 500
@@ -38,7 +38,7 @@ def print_report(
     table.add_row('base', f'cell {grid.base}', shown(selection.home.source))
     table.add_row('service', f'cell {grid.service}', shown(selection.service.source))
     for goal, place in zip(mission.goals, selection.goals):
-        task = f', {_in_words(goal.task)}' if goal.task else ''
+        task = f', {in_words(goal.task)}' if goal.task else ''
         table.add_row(f'goal {shown(goal.name)}', f'cell {goal.cell}{task}', shown(place.source))
     if selection.fence:
         table.add_row('fence', _corners(selection.fence.polygon), shown(selection.fence.source))
@@ -72,10 +72,3 @@ def _table(*heads: str) -> Table:
 
 def _corners(polygon: tuple[tuple[float, float], ...]) -> str:
     return f'{len(polygon)} corners'
-
-
-def _in_words(task: GoalTask) -> str:
-    [(kind, value)] = task_to_dict(task).items()
-    if kind == 'waypoints':
-        return f'{len(value)} waypoints'
-    return f'{value["count"]} pictures' if kind == 'photo' else f'stay of {value:g} s'

@@ -14,11 +14,11 @@ STRAIGHT = 0.5
 """How far [m] beside a straight leg a waypoint on it may lie to be left out: a choice, below the
 error of a position."""
 
-Leg = tuple[float, float, float | None]
-"""Where it ends: latitude, longitude [deg], height above ground [m] if it is given."""
+Corner = tuple[float, float, float | None]
+"""Of a round: latitude, longitude [deg], height above ground [m] if it is given."""
 
 
-def waypoints_task(points: Iterable[Leg]) -> Waypoints | None:
+def waypoints_task(points: Iterable[Corner]) -> Waypoints | None:
     """Return the task of flying to some points in order, None if they are too many.
 
     Of more than a task may have, those on straight legs of one height are left out: the way is

@@ -1,4 +1,4 @@
-"""How long the tasks at goals take, as `docs/mission_file.md` says it."""
+"""Tasks at goals in words, and how long they take, as `docs/mission_file.md` says it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from uav_mission_manager.autopilot.task import Settings
-from uav_mission_manager.goal_task import Dwell, External, GoalTask, Photo
+from uav_mission_manager.goal_task import Dwell, External, GoalTask, Photo, task_to_dict
 from uav_mission_manager.mdp import Grid
 
 AT_WAYPOINT = 2.0
@@ -14,6 +14,19 @@ AT_WAYPOINT = 2.0
 
 CLIMB_SPEED, DESCENT_SPEED = 2.5, 1.5
 """Speeds [m/s] of ArduCopter by default."""
+
+
+def in_words(task: GoalTask | None) -> str:
+    """Return what a task is, '' for none."""
+    if task is None:
+        return ''
+    [(kind, value)] = task_to_dict(task).items()
+    return {
+        'dwell': lambda: f'stay of {value:g} s',
+        'photo': lambda: f'{value["count"]} pictures',
+        'waypoints': lambda: f'{len(value)} waypoints',
+        'external': lambda: 'work of another program',
+    }[kind]()
 
 
 def task_seconds(
