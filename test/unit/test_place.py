@@ -8,9 +8,11 @@ from itertools import pairwise
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from strategies import case_study
 
-from uav_mission_manager.mdp import Grid
-from uav_mission_manager.onboard.place import cell_with_margin, off_grid, strayed
+from uav_mission_manager.goal_task import Dwell, Waypoint, Waypoints
+from uav_mission_manager.mdp import Grid, mission_from_dict
+from uav_mission_manager.onboard.place import cell_with_margin, off_grid, present_cell, strayed
 
 GRID = Grid(rows=2, cols=4, base=0, service=1)
 CELLS = st.integers(0, GRID.q - 1)
@@ -38,6 +40,30 @@ def test_the_margin_suits_the_cell(size, margin):
     grid = replace(GRID, cell_size=size)
     for past, cell in ((margin - 0.01, 0), (margin + 0.01, 1)):
         assert cell_with_margin(grid, (size / 2.0 + past, 0.0), 0) == cell
+
+
+ROUND = Waypoints((Waypoint(0.0, 0.0),))
+
+
+@pytest.mark.parametrize(
+    ('task', 'commitment', 'last', 'east', 'cell'),
+    [
+        (ROUND, 1, 5, 54.9, 5),  # The width of a cell, and the margin of 5 m.
+        (ROUND, 1, 5, 55.1, 6),
+        (ROUND, 1, 4, 54.9, 6),  # It has not been there yet.
+        (ROUND, 2, 5, 54.9, 6),  # It is committed to another goal,
+        (ROUND, 0, 5, 54.9, 6),  # or to none,
+        (Dwell(5.0), 1, 5, 54.9, 6),  # or there is no round to fly.
+        (None, 1, 5, 54.9, 6),
+    ],
+)
+def test_on_a_round_of_waypoints_it_stays_in_its_goals_cell(task, commitment, last, east, cell):
+    plain = mission_from_dict(case_study(), 'test')
+    first = replace(plain.goals[0], task=task)
+    mission = replace(plain, goals=(first, *plain.goals[1:]))
+    x, y = mission.grid.position(first.cell)
+    assert first.cell == 5
+    assert present_cell(mission, (x + east, y), last, commitment) == cell
 
 
 @given(last=CELLS, cell=CELLS, east=st.floats(-0.39, 0.39), north=st.floats(-0.39, 0.39))

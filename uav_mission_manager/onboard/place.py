@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 
-from uav_mission_manager.mdp import Grid
+from uav_mission_manager.goal_task import Waypoints
+from uav_mission_manager.mdp import Grid, Mission
+from uav_mission_manager.mdp.goal_tasks import WAYPOINT_REACH
 
 CELL_MARGIN, CELL_MARGIN_SHARE = 2.0, 0.1
 """The vehicle is in its last cell until it is so far past the border [m], or such a share of the
@@ -19,13 +21,32 @@ MAX_DIAGONALS_OFF_GRID = 2.0
 choice. A position farther off comes in another frame, or from another origin."""
 
 
+def present_cell(
+    mission: Mission, position: tuple[float, float], last: int, commitment: int
+) -> int:
+    """Cell that a vehicle counts as in, by its position [m], the cell before and its commitment.
+
+    On a round of waypoints it stays in its goal's cell: for the model it is there until the goal
+    is done, or given up.
+    """
+    if commitment:
+        goal = mission.goals[commitment - 1]
+        limit = WAYPOINT_REACH * mission.grid.cell_size + _margin(mission.grid)
+        near = math.dist(position, mission.grid.position(goal.cell)) <= limit
+        if near and last == goal.cell and isinstance(goal.task, Waypoints):
+            return last
+    return cell_with_margin(mission.grid, position, last)
+
+
 def cell_with_margin(grid: Grid, position: tuple[float, float], last: int) -> int:
     """Cell of a position [m]; `last`, the cell before, until it is left by a margin."""
-    size = grid.cell_size
-    margin = min(max(CELL_MARGIN, CELL_MARGIN_SHARE * size), size / 2.0)
     centre = grid.position(last)
     away = max(abs(position[0] - centre[0]), abs(position[1] - centre[1]))
-    return last if away <= size / 2.0 + margin else grid.cell_at(*position)
+    return last if away <= grid.cell_size / 2.0 + _margin(grid) else grid.cell_at(*position)
+
+
+def _margin(grid: Grid) -> float:
+    return min(max(CELL_MARGIN, CELL_MARGIN_SHARE * grid.cell_size), grid.cell_size / 2.0)
 
 
 def off_grid(grid: Grid, position: tuple[float, float]) -> float:

@@ -20,7 +20,7 @@ from uav_mission_manager.onboard.inputs import (
     index_of,
     missing_inputs,
 )
-from uav_mission_manager.onboard.place import cell_with_margin, off_grid, strayed
+from uav_mission_manager.onboard.place import off_grid, present_cell, strayed
 from uav_mission_manager.onboard.range_model import range_flags, required_ranges
 from uav_mission_manager.onboard.settling import (
     FAULT_DANGERS,
@@ -122,7 +122,7 @@ class Situation:
         if not (math.isfinite(east) and math.isfinite(north)):
             raise InputError(f'odom: position ({east}, {north}) is not finite')
         position = east, north
-        cell = cell_with_margin(self.mission.grid, position, self.cell)
+        cell = present_cell(self.mission, position, self.cell, self.commitment)
         return self._heard('odom', now, position=position, cell=cell)._ranged()
 
     def with_fault(self, name: str, now: float) -> Situation:
