@@ -15,6 +15,10 @@ from uav_mission_manager.mdp import Mission
 RADIUS, TOLERANCE = 3.0, 2.0
 """How near [m] a waypoint is passed, beside and below or above: the bridge's defaults."""
 
+BESIDE = RADIUS + 2.0
+"""How far [m] beside a leg it may be flown: it begins and ends anywhere near its ends, and at
+3 m/s the vehicle takes 2 m to turn."""
+
 Place = tuple[float, float, float]
 
 
@@ -78,4 +82,5 @@ def require_flown_once(
     for one, other in pairwise(seen):
         if one.waypoint != left_after:
             ends = points[one.waypoint - 1], points[other.waypoint - 1]
-            assert farthest_beside(track[one.last : other.first], *ends) < RADIUS
+            beside = farthest_beside(track[one.last : other.first], *ends)
+            assert beside < BESIDE, f'the leg after waypoint {one.waypoint}'
