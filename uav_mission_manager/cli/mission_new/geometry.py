@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from shapely import MultiPoint, Polygon, minimum_bounding_circle
+from shapely import MultiPoint, Polygon, minimum_bounding_circle, minimum_bounding_radius
 
 from uav_mission_manager.cli.mission_new.found import Outline, Place
 from uav_mission_manager.geodesy import Origin
 from uav_mission_manager.goal_task import Waypoints
+
+SAME_PLACE = 0.01
+"""Radius [m] of points that are one place: what seven decimals of a degree tell apart."""
 
 
 def inner_place(outline: Outline) -> Place:
@@ -30,5 +33,8 @@ def task_middle(task: Waypoints) -> tuple[float, float]:
 def middle(points: Sequence[tuple[float, float]]) -> tuple[float, float]:
     """Return the place [deg] from which the farthest of some is as near as can be."""
     plane = Origin(*points[0], 0.0)
-    around = minimum_bounding_circle(MultiPoint([plane.to_local(*point) for point in points]))
-    return plane.to_geodetic(around.centroid.x, around.centroid.y)
+    places = MultiPoint([plane.to_local(*point) for point in points])
+    if minimum_bounding_radius(places) < SAME_PLACE:
+        return points[0]  # A circle around them is empty.
+    centre = minimum_bounding_circle(places).centroid
+    return plane.to_geodetic(centre.x, centre.y)
