@@ -320,12 +320,12 @@ def test_cells_too_small_are_told_with_the_size_that_fits(tmp_path, capsys):
 
 
 def test_cells_that_cannot_fit_are_told_too(tmp_path, capsys):
-    """Waypoints 200 m wide, and two goals 7 m apart."""
+    """Waypoints 200 m wide, and three goals in 14 m: no two cells hold one each."""
     wide = survey([(100, 0), (300, 0)])
-    name = file_of(tmp_path, plan_of(wide, place(0, 60), place(0, 67)), 'a.plan')
+    name = file_of(tmp_path, plan_of(wide, *(place(0, north) for north in (60, 67, 74))), 'a.plan')
     [warning] = warnings_for(tmp_path, capsys, name)
     assert warning.endswith('do not give every goal one of its own: --skip one')
-    mission = made(tmp_path, name, '--skip=waypoint_3')
+    mission = made(tmp_path, name, '--skip=waypoint_2', '--skip=waypoint_3')
     assert [goal.task is None for goal in mission.goals] == [True, False]
 
 
