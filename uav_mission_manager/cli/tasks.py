@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from uav_mission_manager.autopilot.task import Settings
-from uav_mission_manager.goal_task import Dwell, External, GoalTask, Photo, task_to_dict
+from uav_mission_manager.goal_task import Dwell, External, GoalTask, Photo
 from uav_mission_manager.mdp import Grid
 
 AT_WAYPOINT = 2.0
@@ -20,13 +20,14 @@ def in_words(task: GoalTask | None) -> str:
     """Return what a task is, '' for none."""
     if task is None:
         return ''
-    [(kind, value)] = task_to_dict(task).items()
-    return {
-        'dwell': lambda: f'stay of {value:g} s',
-        'photo': lambda: f'{value["count"]} pictures',
-        'waypoints': lambda: f'{len(value)} waypoints',
-        'external': lambda: 'work of another program',
-    }[kind]()
+    if isinstance(task, Dwell):
+        return f'stay of {task.seconds:g} s'
+    if isinstance(task, External):
+        return 'work of another program'
+    count, what = (
+        (task.count, 'picture') if isinstance(task, Photo) else (len(task.points), 'waypoint')
+    )
+    return f'{count} {what}{"" if count == 1 else "s"}'
 
 
 def task_seconds(
