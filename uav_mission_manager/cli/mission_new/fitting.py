@@ -13,6 +13,9 @@ from uav_mission_manager.geodesy import Origin
 from uav_mission_manager.mdp import Grid
 from uav_mission_manager.mdp.goal_tasks import WAYPOINT_REACH
 
+MOST_CENTRED = 3
+"""Goals on whose waypoints a grid is centred by way of trial: a choice, the widest ones."""
+
 
 def with_waypoints(places: Sequence[Place]) -> list[Place]:
     """Return places, and those of the waypoints of their tasks."""
@@ -37,9 +40,10 @@ def fitting(
     rounds = [goal for goal in goals if goal.waypoints]
     sizes = [*_sizes(size, max(map(reach, rounds), default=0.0))] if larger else [size]
     places = with_waypoints([home, service, *goals])
+    widest = sorted(rounds, key=reach, reverse=True)[:MOST_CENTRED]
     for kept_free in ((home, service), ()):
         for width in sizes:
-            for centred in (None, *rounds):
+            for centred in (None, *widest):
                 grid = laid_out(home, places, service, width, centred)
                 if not any(misfit(grid, goal) for goal in rounds) and _apart(
                     grid, goals, kept_free
