@@ -247,6 +247,7 @@ def test_a_line_that_is_none_is_left_out(tmp_path, capsys):
         ([place(100, 0, hold=25, command=19)], Dwell(25.0)),
         ([place(100, 0, hold=3, command=18)], None),  # Turns, not seconds.
         ([place(100, 0), item(93, 8)], Dwell(8.0)),
+        ([place(100, 0), item(19, 15, 0, 0, None, 0, 0, 30)], Dwell(15.0)),
         ([place(100, 0, hold=2), item(93, 8)], Dwell(10.0)),
         ([place(100, 0), item(203, 0, 0, 0, 0, 1)], Photo(1, 0.0)),
         ([place(100, 0), item(2000, 0, 0, 1)], Photo(1, 0.0)),

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from uav_mission_manager.cli.mission_new.found import Found, point_of
+from uav_mission_manager.cli.mission_new.found import Found, Place, point_of
 from uav_mission_manager.cli.mission_new.json_value import JsonValue
 from uav_mission_manager.cli.mission_new.qgc_transects import POSITION, read_complex_item
 from uav_mission_manager.echo import shown
-from uav_mission_manager.goal_task import Dwell, GoalTask, Photo
+from uav_mission_manager.goal_task import Dwell, Photo
 from uav_mission_manager.mdp.fields import number, within
 from uav_mission_manager.mdp.goal_tasks import MAX_PICTURES, MAX_TIME
 
@@ -26,6 +26,9 @@ PLACE_COMMANDS = {
 
 HOLD_COMMANDS = (16, 19, 82)
 """Those whose first parameter is how long to stay [s]."""
+
+LOITER_TIME = 19
+"""MAV_CMD of a stay at a place, or where the vehicle is then."""
 
 DELAY, PICTURE, PICTURES = 93, 203, 2000
 """MAV_CMD of a stay, a picture, and of pictures, where the vehicle is then."""
@@ -99,6 +102,9 @@ class ItemReader:
         params = [entry.value for entry in item['params'].entries()]
         point = params[POSITION]
         if len(point) < 2 or None in point or point == [0, 0]:
+            if self._there and command == LOITER_TIME:
+                self._read_deed(item, DELAY, what)
+                return
             self._found.leave_out(
                 what, f'{name} without a position: it means where the vehicle is'
             )
@@ -115,28 +121,34 @@ class ItemReader:
     def _read_deed(self, item: JsonValue, command: int, what: str) -> None:
         """Take a stay, or pictures, at the last place."""
         place = self._found.places[-1]
+        read = self._stay if command == DELAY else self._pictures
+        if task := read(item, command, place, what):
+            self._found.places[-1] = replace(place, task=task)
+
+    def _stay(self, item: JsonValue, _: int, place: Place, what: str) -> Dwell | None:
+        """Return how long to stay in all, None for no longer."""
+        stay = _param(item, 0, number) or 0.0
+        if stay <= 0.0 or isinstance(place.task, Photo):
+            self._found.leave_out(what, 'a stay beside pictures, or until a time of day')
+            return None
+        return Dwell(stay + (place.task.seconds if isinstance(place.task, Dwell) else 0.0))
+
+    def _pictures(self, item: JsonValue, command: int, place: Place, what: str) -> Photo | None:
+        """Return which pictures to take in all, None for no more."""
+        count, interval = 1, 0.0
+        if command == PICTURES:
+            interval = _param(item, 1, _TIME) or 0.0
+            count = int(_param(item, 2, _COUNT) or 0)
+        if count < 1:
+            self._found.leave_out(what, 'pictures without end: give them a number')
+            return None
         before = place.task
-        task: GoalTask
-        if command == DELAY:
-            stay = _param(item, 0, number) or 0.0
-            if stay <= 0.0 or isinstance(before, Photo):
-                self._found.leave_out(what, 'a stay beside pictures, or until a time of day')
-                return
-            task = Dwell(stay + (before.seconds if isinstance(before, Dwell) else 0.0))
-        else:
-            count, interval = 1, 0.0
-            if command == PICTURES:
-                interval = _param(item, 1, _TIME) or 0.0
-                count = int(_param(item, 2, _COUNT) or 0)
-            if count < 1:
-                self._found.leave_out(what, 'pictures without end: give them a number')
-                return
-            if isinstance(before, Photo):
-                count, interval = count + before.count, max(interval, before.interval)
-            elif isinstance(before, Dwell):
-                self._found.leave_out(place.source, f'its stay of {before.seconds:g} s: pictures')
-            task = Photo(count, interval)
-        self._found.places[-1] = replace(place, task=task)
+        if isinstance(before, Photo):
+            return Photo(count + before.count, max(interval, before.interval))
+        if isinstance(before, Dwell):
+            instead = 'pictures are taken instead'
+            self._found.leave_out(place.source, f'its stay of {before.seconds:g} s: {instead}')
+        return Photo(count, interval)
 
 
 def _param(item: JsonValue, index: int, check: Callable[[Any], float]) -> float | None:
