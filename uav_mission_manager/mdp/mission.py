@@ -225,6 +225,8 @@ class Mission:
         data['grid']['elevation'] = {str(cell): up for cell, up in self.grid.elevation}
         if not self.grid.elevation:
             del data['grid']['elevation']
+        if not self.grid.bearing:
+            del data['grid']['bearing']
         if self.energy is None:
             del data['energy']
         data['areas'] = {key: value for key, value in data['areas'].items() if value}

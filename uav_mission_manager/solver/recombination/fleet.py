@@ -275,7 +275,7 @@ def _essence(sub: SubMdp) -> SubMdp:
         else Goal('', goal.cell if j in flown_to else 0, 0.0, 0.0, ())
         for j, goal in enumerate(mission.goals)
     )
-    grid = replace(mission.grid, cell_size=0.0, origin=None, elevation=())
+    grid = replace(mission.grid, cell_size=0.0, origin=None, elevation=(), bearing=0.0)
     return replace(sub, mission=replace(mission, name='', grid=grid, goals=goals, energy=None))
 
 
