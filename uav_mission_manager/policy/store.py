@@ -75,8 +75,10 @@ def write_policy_set(contents: PolicySet, directory: Path) -> str:
     Raises
     ------
     PolicyError
-        If the place holds something that is no policy set, or cannot be written.
+        If the place holds something that is no policy set, or cannot be written, or the mission
+        is one that no mission file can say.
     """
+    _check_mission(contents.mission, directory)
     try:
         if directory.exists() and not _replaceable(directory):
             raise PolicyError(f'{shown(directory)}: exists and is no policy set; not overwritten')
@@ -140,6 +142,17 @@ def _read(directory: Path) -> tuple[PolicySet, str]:
             f'{shown(place)}: a field is missing or of the wrong type: {shown(error)}'
         ) from error
     return contents, str(manifest['digest'])
+
+
+def _check_mission(mission: Mission, directory: Path) -> None:
+    """Raise `PolicyError` where the manifest could not give the mission back."""
+    try:
+        same = mission_from_dict(mission.to_dict(), 'mission') == mission
+    except MissionError:
+        same = False
+    if not same:
+        problem = 'no mission file can say this mission: it has extra costs or other threat levels'
+        raise PolicyError(f'{shown(directory)}: cannot be written: {problem}')
 
 
 def _replaceable(directory: Path) -> bool:
@@ -222,7 +235,7 @@ def _read_expansion(directory: Path, mission: Mission, part: dict[str, Any]) -> 
         Group(group['detail'], _goals(mission, group['clusters'])) for group in part['clusters']
     ]
     clusters = Clusters(tuple(groups))
-    shape = mission.grid.q, 3, 8, clusters.features
+    shape = mission.grid.q, len(mission.threat.levels), 8, clusters.features
     theta = _read_array(directory, part['theta'], shape, FLOAT_TYPES)
     return Expansion(mission, clusters, theta, **numbers(part, EXPANSION_FIELDS))
 
@@ -236,7 +249,8 @@ def _goals(mission: Mission, clusters: list[list[int]]) -> tuple[tuple[int, ...]
 
 def _read_certificate(directory: Path, mission: Mission, part: dict[str, Any]) -> Certificate:
     clusters = np.array(_goals(mission, part['clusters']))
-    shape = len(clusters), mission.grid.q, 3, 8, *(6,) * clusters.shape[1]
+    whole = mission.grid.q, len(mission.threat.levels), 8
+    shape = len(clusters), *whole, *(6,) * clusters.shape[1]
     tables = _read_array(directory, part['tables'], shape, FLOAT_TYPES)
     bound = LowerBound(mission, clusters, tables)
     rest = {name: part[name] for name in part if name not in ('clusters', 'tables')}
@@ -280,9 +294,8 @@ def _read_part(directory: Path, mission: Mission, part: dict[str, Any]) -> Solut
         part['travel'],
         tuple(part['goal_shares']),
     )
-    shape = mission.grid.q, 3 * 3**sub.n, 8 * 2**sub.n
     arrays: dict[str, Any] = {
-        name: _read_array(directory, part['arrays'][name], shape, types)
+        name: _read_array(directory, part['arrays'][name], sub.shape, types)
         for name, types in SOLUTION_ARRAYS.items()
         if name != 'actions' or name in part['arrays']
     }
