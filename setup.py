@@ -69,7 +69,7 @@ setup(
         'ros': requirements('-ros-wheels'),  # The nodes, where no ROS is sourced.
         'cluster': requirements('-cluster'),  # policy_build --scheduler.
         'plan': requirements('-plan'),  # mission_new.
-        'plot': requirements('-plot'),  # mission_simulate --plot.
+        'plot': requirements('-plot'),  # mission_simulate --plot, plot_policy.
     },
     entry_points={
         'console_scripts': [

@@ -35,7 +35,7 @@ ROSDEP_KEYS = {
     'argcomplete': 'python3-argcomplete',
 }
 OPTIONAL = {'threadpoolctl'}  # rosdep has no key for it.
-OF_AN_EXTRA = {'shapely', 'defusedxml'}  # Of `mission_new` alone, which asks for them.
+OF_AN_EXTRA = {'shapely', 'defusedxml', 'matplotlib'}  # Whoever needs one asks for it.
 PYPI_NAMES = {'yaml': 'pyyaml', 'serial': 'pyserial'}  # Where the import is called otherwise.
 
 
