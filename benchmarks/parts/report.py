@@ -12,6 +12,7 @@ import numpy as np
 from parts.measure import SINGLE_TOLERANCE, median
 from parts.pages import DOCS, table
 from parts.peers import TOLERANCE
+from parts.pictures import drawing, save
 from uav_mission_manager.solver.submdp import state_count
 
 PAPER_SECONDS = {
@@ -318,13 +319,7 @@ def _comparison(found: Found) -> str:
 
 def draw(found: Found, file: Path) -> None:
     """Draw solve time against states on logarithmic axes."""
-    import matplotlib as mpl
-
-    mpl.use('svg')
-    from matplotlib import pyplot
-
-    pyplot.rcParams.update({'svg.hashsalt': 'scaling', 'svg.fonttype': 'none'})
-    figure, axes = pyplot.subplots(figsize=(7, 4.5))
+    figure, axes = drawing('scaling').subplots(figsize=(7, 4.5))
     goals = [k for k, ours in found['mixed'].items() if 'seconds' in ours]
     exponent, factor = _fit(found)
     span = np.array([states(3), states(10)], dtype=float)
@@ -374,4 +369,4 @@ def draw(found: Found, file: Path) -> None:
     axes.legend(fontsize=7)
     axes.grid(alpha=0.3)
     figure.tight_layout()
-    figure.savefig(file, metadata={'Date': None})
+    save(figure, file)

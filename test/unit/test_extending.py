@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
+import runpy
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -13,6 +16,7 @@ from strategies import case_study, lively
 from uav_mission_manager import build_policy
 from uav_mission_manager.mdp import THREAT_LEVELS, global_actions, mission_from_dict
 from uav_mission_manager.mdp.mission import Row, Threat
+from uav_mission_manager.paths import share_directory
 from uav_mission_manager.policy import PolicyError
 from uav_mission_manager.solver.evaluation.policy_evaluation import evaluate, tabulate
 from uav_mission_manager.solver.evaluation.simulation import cost_horizon, simulate
@@ -184,6 +188,18 @@ def test_what_no_mission_file_says_is_not_saved(two_goals, tmp_path):
     with pytest.raises(PolicyError, match='no mission file can say'):
         two_goals[0].save(tmp_path / 'set')
     assert not list(tmp_path.iterdir())
+
+
+def test_the_documentation_runs_as_it_stands(monkeypatch, tmp_path):
+    monkeypatch.chdir(share_directory())
+    text = Path('docs/extending.md').read_text(encoding='utf-8')
+    example = tmp_path / 'example.py'
+    example.write_text('\n'.join(re.findall(r'^```python\n(.*?)^```', text, re.M | re.S)))
+    found = runpy.run_path(str(example))
+    policy, noise = found['policy'], found['noise']
+    assert f'{policy.space.size:,}' in text
+    assert policy.mission.threat.levels[3] == 'extreme'
+    assert np.argwhere(noise == NOISE).tolist() == [[action, 1] for action in (4, 5, 6, 7)]
 
 
 def test_levels_need_a_cost_each():
