@@ -27,10 +27,10 @@ PAPER_SECONDS = {
     9: 3.7e12,
     10: 1.1e14,
 }
-"""Table 1; measured for 1 and 3 goals, extrapolated for the others."""
+"""Table 2; measured for 1 and 3 goals, extrapolated for the others."""
 
 PAPER_STATES = {4: '2.0e6'}
-"""Table 1 where it is not right: 8 * 6^4 * 5 * 8 * 6 = 2,488,320."""
+"""Table 2 where it is not right: 8 * 6^4 * 5 * 8 * 6 = 2,488,320."""
 
 INTRODUCTION = f"""\
 The mission is the case study with its first goals, from the fourth on with goals of the
@@ -291,14 +291,14 @@ def _paper(found: Found) -> str:
     head = ['goals', 'states', "paper's count", 'ours', 'paper', 'factor']
     return f"""## The paper's tables
 
-Table 1 of the paper: goals, states and solve time. Figures *in italics* are extrapolated, by
+Table 2 of the paper: goals, states and solve time. Figures *in italics* are extrapolated, by
 time ~ states^{exponent:.2f}, fitted from three goals on. The paper measured one and three goals.
 
 {table(head, rows)}
 
 ![Solve time against states](scaling.svg)
 
-Table 2 of the paper: the global MDP of three goals, and its sub-MDPs of one goal each (here the
+Table 3 of the paper: the global MDP of three goals, and its sub-MDPs of one goal each (here the
 time of all three). The paper reports the same actions in all states. Here the goals share one UAV,
 so policies recombined from sub-MDPs are not optimal: see [paper.md](paper.md).
 

@@ -14,11 +14,10 @@ from brute_force import BruteForce, solve
 from strategies import case_study, lively
 
 from uav_mission_manager import build_policy
-from uav_mission_manager.mdp import THREAT_LEVELS, global_actions, mission_from_dict
+from uav_mission_manager.mdp import THREAT_LEVELS, Mission, global_actions, mission_from_dict
 from uav_mission_manager.mdp.mission import Row, Threat
-from uav_mission_manager.paths import share_directory
-from uav_mission_manager.policy import PolicyError
 from uav_mission_manager.solver.evaluation.policy_evaluation import evaluate, tabulate
+from uav_mission_manager.solver.evaluation.sensitivity import parameters
 from uav_mission_manager.solver.evaluation.simulation import cost_horizon, simulate
 from uav_mission_manager.solver.exact import look_ahead, solve_blocks, sweep, value_iteration
 from uav_mission_manager.solver.recombination.fleet import FleetPlanner
@@ -185,13 +184,20 @@ def test_the_reason_names_the_level(two_goals):
 
 
 def test_what_no_mission_file_says_is_not_saved(two_goals, tmp_path):
-    with pytest.raises(PolicyError, match='no mission file can say'):
+    with pytest.raises(ValueError, match='extra_costs: no mission file has them'):
         two_goals[0].save(tmp_path / 'set')
     assert not list(tmp_path.iterdir())
 
 
+def test_the_document_of_a_mission_says_all_of_it_or_nothing(two_goals):
+    mission = replace(two_goals[0].mission, extra_costs=())
+    for use in (Mission.digest, parameters):
+        with pytest.raises(ValueError, match='threat: no mission file has a ThreatOfFourLevels'):
+            use(mission)
+
+
 def test_the_documentation_runs_as_it_stands(monkeypatch, tmp_path):
-    monkeypatch.chdir(share_directory())
+    monkeypatch.chdir(Path(__file__).parents[2])
     text = Path('docs/extending.md').read_text(encoding='utf-8')
     example = tmp_path / 'example.py'
     example.write_text('\n'.join(re.findall(r'^```python\n(.*?)^```', text, re.M | re.S)))
@@ -206,6 +212,19 @@ def test_levels_need_a_cost_each():
     threat = mission_from_dict(case_study(), 'test').threat
     with pytest.raises(ValueError, match=r'threat\.cost: 3 rows are not one each of none, low'):
         ThreatOfFourLevels(**vars(threat))
+
+
+@pytest.mark.parametrize(
+    ('how', 'problem'),
+    [
+        ({'rises': 1.5}, r'\(.*, 1\.5\) are no probabilities of sum 1'),
+        ({'from_extreme': (0.1, 0.0, 0.3, 0.5)}, r'.* are no probabilities of sum 1'),
+        ({'from_extreme': (0.1, 0.0, 0.9)}, 'not 4 rows of 4 numbers'),
+    ],
+)
+def test_chains_that_make_no_sense(two_goals, how, problem):
+    with pytest.raises(ValueError, match=rf'threat\.transition: {problem}'):
+        replace(two_goals[0].mission.threat, **how)
 
 
 @pytest.mark.parametrize(

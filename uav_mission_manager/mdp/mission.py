@@ -137,7 +137,7 @@ class Threat:
     Raises
     ------
     ValueError
-        If the rows of `cost` are not as many as the levels.
+        If there is not a row of `cost` for each level, or `transition` gives no probabilities.
     """
 
     levels: ClassVar[tuple[str, ...]] = THREAT_LEVELS
@@ -149,10 +149,18 @@ class Threat:
     cost: Matrix
 
     def __post_init__(self) -> None:
-        """Raise `ValueError` where levels and costs do not fit together."""
-        if len(self.cost) != len(self.levels):
+        """Raise `ValueError` where the levels, their costs and their chain do not fit together."""
+        count = len(self.levels)
+        if len(self.cost) != count:
             names = ', '.join(self.levels)
             raise ValueError(f'threat.cost: {len(self.cost)} rows are not one each of {names}')
+        for onset in {self.onset, *dict(self.zones).values()}:
+            rows = self.transition(onset)
+            if [len(row) for row in rows] != [count] * count:
+                raise ValueError(f'threat.transition: not {count} rows of {count} numbers')
+            for row in rows:
+                if not (min(row) >= 0 and math.isclose(sum(row), 1)):
+                    raise ValueError(f'threat.transition: {row} are no probabilities of sum 1')
 
     def transition(self, onset: float) -> Matrix:
         """P(t' | t), row by row, on arrival in a cell with this onset."""
@@ -252,8 +260,20 @@ class Mission:
         return {'goals': [(goal.name, goal.cell) for goal in self.goals], 'grid': self.grid}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the mission in the mission file's schema; reading it gives an equal mission."""
+        """Return the mission in the mission file's schema; reading it gives an equal mission.
+
+        Raises
+        ------
+        ValueError
+            If the mission has what no mission file can say.
+        """
+        if self.extra_costs:
+            raise ValueError(f'mission {self.name}: extra_costs: no mission file has them')
+        if type(self.threat) is not Threat:
+            kind = type(self.threat).__name__
+            raise ValueError(f'mission {self.name}: threat: no mission file has a {kind}')
         data = asdict(self)
+        del data['extra_costs']
         for entry, goal in zip(data['goals'], self.goals, strict=True):
             entry['task'] = goal.task and task_to_dict(goal.task)
             if goal.task is None:
@@ -268,8 +288,6 @@ class Mission:
             del data['grid']['bearing']
         if self.energy is None:
             del data['energy']
-        if not self.extra_costs:
-            del data['extra_costs']
         data['areas'] = {key: value for key, value in data['areas'].items() if value}
         if not data['areas']:
             del data['areas']

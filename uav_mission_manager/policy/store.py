@@ -75,10 +75,10 @@ def write_policy_set(contents: PolicySet, directory: Path) -> str:
     Raises
     ------
     PolicyError
-        If the place holds something that is no policy set, or cannot be written, or the mission
-        is one that no mission file can say.
+        If the place holds something that is no policy set, or cannot be written.
+    ValueError
+        If the mission has what no mission file can say.
     """
-    _check_mission(contents.mission, directory)
     try:
         if directory.exists() and not _replaceable(directory):
             raise PolicyError(f'{shown(directory)}: exists and is no policy set; not overwritten')
@@ -142,17 +142,6 @@ def _read(directory: Path) -> tuple[PolicySet, str]:
             f'{shown(place)}: a field is missing or of the wrong type: {shown(error)}'
         ) from error
     return contents, str(manifest['digest'])
-
-
-def _check_mission(mission: Mission, directory: Path) -> None:
-    """Raise `PolicyError` where the manifest could not give the mission back."""
-    try:
-        same = mission_from_dict(mission.to_dict(), 'mission') == mission
-    except MissionError:
-        same = False
-    if not same:
-        problem = 'no mission file can say this mission: it has extra costs or other threat levels'
-        raise PolicyError(f'{shown(directory)}: cannot be written: {problem}')
 
 
 def _replaceable(directory: Path) -> bool:
