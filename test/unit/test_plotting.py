@@ -63,9 +63,9 @@ def test_colours_and_hatches_tell_the_actions_apart(policy):
     axes = plot_policy(policy, threat='high')
     names = np.array([texts(axes)[50.0 * (c % 4), -50.0 * (c // 4)] for c in range(8)])
     goals = [name.split('\n')[0] for name in names]
-    [image], [hatching] = axes.images, axes.patches
-    assert image.get_extent() == [-25.0, 175.0, -75.0, 25.0]
-    colours = list(map(tuple, image.get_array().reshape(8, 3).tolist()))
+    [mesh], [hatching] = axes.collections, axes.patches
+    assert (*axes.get_xlim(), *axes.get_ylim()) == (-25.0, 175.0, -75.0, 25.0)
+    colours = list(map(tuple, mesh.get_array().reshape(8, 3).tolist()))
     assert len(set(zip(goals, colours))) == len(set(goals)) == len(set(colours)) > 1
     for cell, name in enumerate(names):
         place = 50.0 * (cell % 4), -50.0 * (cell // 4)
@@ -91,6 +91,23 @@ def test_it_draws_where_it_is_told(policy):
         assert plot_policy(policy, threat=threat, axes=axes) is axes
         assert axes.get_title() == f'fault nominal, threat {threat}'
         assert (axes.get_xlabel(), axes.get_ylabel()) == ('east [m]', 'north [m]')
+
+
+def test_a_turned_grid_is_drawn_turned(policy):
+    grid = replace(policy.mission.grid, bearing=90.0)  # Rows run west, columns south.
+    turned = build_policy(replace(policy.mission, grid=grid), 'exact')
+    axes = plot_policy(turned, threat='high')
+    said = {tuple(np.round(place, 6)): text for place, text in texts(axes).items()}
+    [mesh], [hatching] = axes.collections, axes.patches
+    corners = mesh.get_coordinates()
+    for cell in range(8):
+        row, col = divmod(cell, 4)
+        place = -50.0 * row, -50.0 * col
+        action = turned.decide([1, 1, 1, 1, 2, 2, 2, cell, 0, 2, 0]).action
+        assert said[place] == words(action_name(turned.mission, action))
+        middle = corners[row : row + 2, col : col + 2].mean(axis=(0, 1))
+        np.testing.assert_allclose(middle, place, atol=1e-9)
+        assert hatching.get_path().contains_point(place) == action.agile
 
 
 def test_a_large_grid_is_not_lettered():

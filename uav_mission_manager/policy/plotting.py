@@ -33,6 +33,9 @@ GOAL_COLOURS = ('#56b4e9', '#e69f00', '#009e73', '#cc79a7')
 HATCH, HATCH_COLOUR = '///', '0.45'
 """Where the action is flown in agile mode."""
 
+CORNERS = ((0, 0), (0, 1), (1, 1), (1, 0), (0, 0))
+"""Of a cell, around it, in rows and columns from its first one."""
+
 MOST_LETTERED = 12
 """Cells a side of a grid up to which each says in words what is done there: a choice."""
 
@@ -91,7 +94,7 @@ def plot_policy(
     if axes is None:
         axes = pyplot.figure(layout='constrained').add_subplot()
     lettered = max(mission.grid.rows, mission.grid.cols) <= MOST_LETTERED
-    _fill(axes, mission, actions)
+    _fill(axes, mission, actions, edges='white' if lettered else 'none')
     if lettered:
         _letter(axes, mission, actions)
     _mark(axes, mission, 0.3 if lettered else 0.0)
@@ -138,37 +141,34 @@ def _each_goal(
     return numbers
 
 
-def _fill(axes: Axes, mission: Mission, actions: Sequence[Action]) -> None:
-    """Colour the cells."""
+def _fill(axes: Axes, mission: Mission, actions: Sequence[Action], edges: str) -> None:
+    """Colour the cells, hatch those of agile actions."""
     from matplotlib.colors import to_rgb
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
 
-    grid, half = mission.grid, mission.grid.cell_size / 2
-    places = np.array([grid.position(cell) for cell in range(grid.q)])
-    (west, north), (east, south) = places[0], places[-1]
-    colours = np.array([to_rgb(_colour(action)) for action in actions])
-    axes.imshow(
-        colours.reshape(grid.rows, grid.cols, 3),
-        extent=(west - half, east + half, south - half, north + half),
+    grid = mission.grid
+    corners = np.array(
+        [
+            [grid.at(col - 0.5, row - 0.5) for col in range(grid.cols + 1)]
+            for row in range(grid.rows + 1)
+        ]
     )
-    agile = places[[action.agile for action in actions]]
-    if len(agile):
-        square = half * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)])
-        outline = Path.make_compound_path_from_polys(agile[:, None] + square)
+    colours = np.array([to_rgb(_colour(action)) for action in actions])
+    cells = colours.reshape(grid.rows, grid.cols, 3)
+    axes.pcolormesh(corners[..., 0], corners[..., 1], cells, edgecolors=edges)
+    agile = [divmod(cell, grid.cols) for cell, action in enumerate(actions) if action.agile]
+    if agile:
+        rows, cols = np.array(agile).T
+        ring = [corners[rows + down, cols + right] for down, right in CORNERS]
+        outline = Path.make_compound_path_from_polys(np.stack(ring, axis=1))
         axes.add_patch(PathPatch(outline, fill=False, ec=HATCH_COLOUR, lw=0, hatch=HATCH))
 
 
 def _letter(axes: Axes, mission: Mission, actions: Sequence[Action]) -> None:
-    """Separate the cells and say in words what is done there."""
-    grid, half = mission.grid, mission.grid.cell_size / 2
-    (west, north), (east, south) = grid.position(0), grid.position(grid.q - 1)
-    x = np.arange(1, grid.cols) * grid.cell_size - half
-    y = half - np.arange(1, grid.rows) * grid.cell_size
-    axes.vlines(x, south - half, north + half, color='white')
-    axes.hlines(y, west - half, east + half, color='white')
+    """Say in words in the cells what is done there."""
     for cell, action in enumerate(actions):
-        text = axes.text(*grid.position(cell), _word(action), ha='center', va='center')
+        text = axes.text(*mission.grid.position(cell), _word(action), ha='center', va='center')
         text.set(fontsize='small', clip_on=True)
 
 
