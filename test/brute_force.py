@@ -29,7 +29,10 @@ def independent(*marginals):
 
 
 class BruteForce:
-    """The mission's MDP, states as tuples (f, r_1.., g_1.., l, c, t, m)."""
+    """The mission's MDP, states as tuples (f, r_1.., g_1.., l, c, t, m).
+
+    With a charge (f, b, g_1.., l, c, t, m).
+    """
 
     threats = 3
 
@@ -40,17 +43,53 @@ class BruteForce:
         self.rows, self.cols = document['grid']['rows'], document['grid']['cols']
         self.base, self.service = document['grid']['base'], document['grid']['service']
         self.actions = range(1, 2 * self.k + 5)
+        self.charge = document['range'].get('charge')
+        self.levels = self.charge.get('levels', 16) if self.charge else None
 
     @cached_property
     def states(self):
         k, cells = self.k, self.rows * self.cols
-        axes = [range(1, 9), *[range(2)] * k, *[range(3)] * k, range(cells), range(k + 1)]
+        ranges = [range(self.levels)] if self.charge else [range(2)] * k
+        axes = [range(1, 9), *ranges, *[range(3)] * k, range(cells), range(k + 1)]
         return list(itertools.product(*axes, range(self.threats), range(2)))
 
     def split(self, state):
         """(f, (r_1..), (g_1..), l, c, t, m)."""
-        k = self.k
-        return (state[0], state[1 : 1 + k], state[1 + k : 1 + 2 * k], *state[1 + 2 * k :])
+        k, first = self.k, 2 if self.charge else 1 + self.k
+        flags = state[1:first]
+        if self.charge:
+            flags = tuple(self.in_range(state[1], state[-4], j) for j in range(k))
+        return (state[0], flags, state[first : first + k], *state[first + k :])
+
+    def metres(self, a, b):
+        size = self.document['grid'].get('cell_size', 50.0)
+        (row, col), (other_row, other_col) = divmod(a, self.cols), divmod(b, self.cols)
+        return size * math.sqrt((row - other_row) ** 2 + (col - other_col) ** 2)
+
+    def in_range(self, level, cell, j):
+        energy, goal = self.document['energy'], self.goals[j]['cell']
+        soc = level / self.levels - self.charge.get('reserve', 0.1)
+        hours = soc * energy['capacity'] * energy['voltage'] / energy['power']
+        reach = 3600.0 * hours * energy['speed'] - energy['wind_penalty'] * energy['wind']
+        reach -= energy['payload_penalty'] * energy['payload']
+        return int(reach >= self.metres(cell, goal) + self.metres(goal, self.service))
+
+    def drained(self, agile):
+        """(levels, probability) of one epoch in flight."""
+        mode = 'agile' if agile else 'normal'
+        if 'drain' in self.charge:
+            return list(enumerate(self.charge['drain'][mode]))
+        energy, prefix = self.document['energy'], 'agile_' if agile else ''
+        speed = energy.get(prefix + 'speed', energy['speed'])
+        power = energy.get(prefix + 'power', energy['power'])
+        joule = power * self.document['grid'].get('cell_size', 50.0) / speed
+        mean = self.levels * joule / (energy['capacity'] * energy['voltage'] * 3600.0)
+        noise, outcomes = self.charge.get('noise', 0.2), []
+        for factor, p in ((1 - noise, 0.25), (1.0, 0.5), (1 + noise, 0.25)):
+            levels = min(mean * factor, self.levels)
+            below = math.floor(levels)
+            outcomes += [(below, p * (below + 1 - levels)), (below + 1, p * (levels - below))]
+        return outcomes
 
     def effect(self, action):
         """(kind, agile, c', destination) of a global action."""
@@ -73,7 +112,7 @@ class BruteForce:
         if kind == 'commit':
             return g[goal - 1] > 0 and r[goal - 1] == 1 and self.completion(f) > 0
         if kind == 'recharge':
-            return 0 in r
+            return state[1] < self.levels - 1 if self.charge else 0 in r
         return f > 1 if kind == 'repair' else True
 
     def completion(self, f):
@@ -107,7 +146,13 @@ class BruteForce:
         total += doc['distance_weight'] * math.sqrt(south**2 + east**2)
         if cell == self.service and kind in ('recharge', 'repair'):
             total += doc.get('service_cost', {}).get(kind, 0.0)
+        if self.charge and state[1] == 0 and not self.on_ground(state, action):
+            total += self.charge['empty_cost']
         return total + doc['faults']['cost'][f - 1] + doc['threat']['cost'][t][m]
+
+    def on_ground(self, state, action):
+        kind, agile, _, destination = self.effect(action)
+        return state[-4] == destination and not agile and kind != 'commit'
 
     def fault_outcomes(self, f, agile):
         """(f', probability) of one epoch in flight."""
@@ -121,7 +166,9 @@ class BruteForce:
         return [(1 + sum(values), p) for values, p in independent(*bits)]
 
     def health_outcomes(self, state, action):
-        """(f', probability) and, a goal each, (r_j', probability)."""
+        """(f', probability) and, a goal each, (r_j', probability), or of the charge (b', ..)."""
+        if self.charge:
+            return self.fault_outcomes_by(state, action), [self.charge_outcomes(state, action)]
         f, r, _, cell, *_ = self.split(state)
         kind, agile, _, _ = self.effect(action)
         if kind == 'none' and not agile and cell == self.base:
@@ -134,6 +181,20 @@ class BruteForce:
         loss = self.document['range']['loss']['agile' if agile else 'normal']
         flags = [[(0, loss), (1, 1.0 - loss)] if flag else [(0, 1.0)] for flag in r]
         return self.fault_outcomes(f, agile), flags
+
+    def fault_outcomes_by(self, state, action):
+        f, (kind, agile, _, _) = state[0], self.effect(action)
+        if not self.on_ground(state, action):
+            return self.fault_outcomes(f, agile)
+        success = self.document['faults'].get('repair_success', 1.0) if kind == 'repair' else 0.0
+        return [(1, success), (f, 1.0 - success)]
+
+    def charge_outcomes(self, state, action):
+        b, (kind, agile, _, _) = state[1], self.effect(action)
+        if not self.on_ground(state, action):
+            return [(max(b - d, 0), p) for d, p in self.drained(agile)]
+        gained = self.charge.get('rate', self.levels) if kind == 'recharge' else 0
+        return [(min(b + gained, self.levels - 1), 1.0)]
 
     def threat_outcomes(self, t, cell):
         threat = self.document['threat']

@@ -86,6 +86,31 @@ def lively(**changes):
     return document
 
 
+def with_charge(document, **changes):
+    """The mission with one battery of six levels in place of range flags.
+
+    About one level is drained in an epoch, more in agile flight, and what is in range differs
+    from level to level.
+    """
+    document = copy.deepcopy(document)
+    cell = document['grid'].get('cell_size', 50.0)
+    document['energy'] = {
+        'capacity': 1.0,
+        'voltage': 10.0,
+        'power': 600.0,
+        'speed': cell / 10.0,
+        'wind': 2.0,
+        'wind_penalty': cell / 20.0,
+        'payload': 1.0,
+        'payload_penalty': cell / 20.0,
+        'agile_power': 900.0,
+        'agile_speed': cell / 9.0,
+    }
+    charge = {'levels': 6, 'reserve': 0.05, 'empty_cost': 7.0} | changes
+    document['range'] = {'cost': document['range']['cost'], 'charge': charge}
+    return document
+
+
 def pick_states(space, count, seed=0):
     """Rows of distinct random states."""
     rng = np.random.default_rng(seed)
@@ -213,3 +238,27 @@ def missions(draw, sizes, goal_counts):
         },
     )
     return document | draw(optional)
+
+
+charges = st.fixed_dictionaries(
+    {'levels': st.integers(2, 6), 'empty_cost': costs},
+    optional={
+        'reserve': st.floats(0.0, 0.4),
+        'rate': st.integers(1, 6),
+        'noise': probabilities,
+    },
+)
+
+
+@st.composite
+def charged_missions(draw, sizes, goal_counts):
+    """Any valid mission file with one battery, parsed."""
+    document = with_charge(draw(missions(sizes, goal_counts)), **draw(charges))
+    if draw(st.booleans()):
+        weights = st.lists(st.integers(1, 9), min_size=1, max_size=8)
+        rows = {mode: draw(weights) for mode in ('normal', 'agile')}
+        document['range']['charge'].pop('noise', None)
+        document['range']['charge']['drain'] = {
+            mode: [weight / sum(row) for weight in row] for mode, row in rows.items()
+        }
+    return document

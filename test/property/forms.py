@@ -1,6 +1,6 @@
 """The forms of the model: Q (N, 2k+4) of a mission, a W and states (N, 2k+5) in each.
 
-W is an array over l, t, g_1.., f, r_1..
+W is an array over l, t, g_1.., f, r_1.., or with a charge over l, t, g_1.., f, b.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from uav_mission_manager.mdp import (
     global_actions,
     stage_costs,
 )
+from uav_mission_manager.mdp.charge import RangeFlags
 from uav_mission_manager.solver.bounds.cluster_mdp import ClusterMdp
 from uav_mission_manager.solver.exact import AxisModel, LookAhead, Sweeper, look_ahead
 from uav_mission_manager.solver.expansion import Clusters, Expansion, ExpansionLookAhead
@@ -42,21 +43,25 @@ def by_matrices(mission, w, states):
 
 
 def value_of(mission, w, state):
-    s = StateSpace(mission.k, mission.grid.q).split(np.array(state))
-    value = cost.threat_costs(mission)[s.t, s.m] + w[(s.l, s.t, *s.g, s.f - 1, *s.r)]
+    s = StateSpace.of(mission).split(np.array(state))
+    value = cost.threat_costs(mission)[s.t, s.m] + w[(s.l, s.t, *s.g, s.f - 1, *s.r, *s.b)]
     if s.c:
         j = s.c - 1
-        value -= cost.commitment_savings(mission)[j, s.g[j], s.r[j]]
+        value -= cost.commitment_savings(mission)[j, s.g[j], RangeFlags(mission)(s)[j]]
     return value
 
 
 def outcomes_of(mission, state, action):
     """(weight, {s': P(s')}) where the action's goal is completed, and where it is not."""
-    s = StateSpace(mission.k, mission.grid.q).split(state)
+    space = StateSpace.of(mission)
+    s = space.split(state)
     a, regime = action.number - 1, dynamics.regimes(mission)[action.number - 1, s.l]
     after = int(dynamics.landings(mission)[a, s.l])
     faults = dynamics.fault_matrices(mission)[regime, s.f - 1]
-    ranges = dynamics.range_matrices(mission)[regime, s.r]
+    ranges = [
+        *dynamics.range_matrices(mission)[regime, s.r],
+        *dynamics.charge_matrices(mission)[regime, s.b],
+    ]
     priorities = dynamics.priority_matrices(mission)[np.arange(mission.k), s.g]
     threats = dynamics.threat_matrices(mission)[after, s.t]
     done = dynamics.may_complete(mission)[a, s.l]
@@ -68,9 +73,9 @@ def outcomes_of(mission, state, action):
         commitment = 0 if completed else action.commitment
         outcomes = {}
         for f, *rest, t in itertools.product(
-            range(8), *[range(2)] * mission.k, *[range(3)] * mission.k, range(3)
+            range(8), *map(range, space.ranges), *[range(3)] * mission.k, range(3)
         ):
-            r, g = rest[: mission.k], rest[mission.k :]
+            r, g = rest[: len(space.ranges)], rest[len(space.ranges) :]
             p = faults[f] * math.prod(row[x] for row, x in zip(ranges, r))
             p *= math.prod(row[x] for row, x in zip(rows, g)) * threats[t]
             if p * weight > 0:
@@ -79,28 +84,31 @@ def outcomes_of(mission, state, action):
         yield weight, outcomes
 
 
-def by_x(w):
-    """W over l, t, f, x_1.. with x_j = 2 g_j + r_j."""
-    k = (w.ndim - 3) // 2
+def by_x(mission, w):
+    """W over l, t, z, x_1.., with x_j = 2 g_j + r_j, or x_j = g_j and z = (f, b)."""
+    k = mission.k
+    if mission.range.charge is not None:
+        w = w.reshape(*w.shape[: 2 + k], -1)
+        return w.transpose(0, 1, 2 + k, *range(2, 2 + k))
     axes = [0, 1, 2 + k, *itertools.chain(*((2 + j, 3 + k + j) for j in range(k)))]
     return w.transpose(axes).reshape(len(w), 3, 8, *(6,) * k)
 
 
 def by_reduced_mission(mission, w, states):
     """From the factors of `ReducedMission`."""
-    reduced, k, table = ReducedMission(whole_mission(mission)), mission.k, by_x(w)
+    reduced, k, table = ReducedMission(whole_mission(mission)), mission.k, by_x(mission, w)
     s, x = reduced.split(states), reduced.x(states)
     q = np.empty((len(states), 2 * k + 4))
     for i in range(len(states)):
-        cell, t, f = s.l[i], s.t[i], s.f[i] - 1
-        q[i] = reduced.action_costs(cell, x[i : i + 1], np.array([f]))[:, 0, 0]
+        cell, t, z = s.l[i], s.t[i], reduced.z(states)[i]
+        q[i] = reduced.action_costs(cell, x[i : i + 1], np.array([z]))[:, 0, 0]
         for a, slot in enumerate(reduced.slots):
             after, regime = reduced.landings[a, cell], reduced.regimes[a, cell]
             rows = [reduced.goals[regime, j, x[i, j]] for j in range(k)]
-            done = reduced.completion[f] if reduced.completes[a, cell] else 0.0
+            done = reduced.completion[z] if reduced.completes[a, cell] else 0.0
             rows[slot] = done * reduced.completed[regime, x[i, slot]] + (1 - done) * rows[slot]
             expected = np.tensordot(reduced.threat[after, t], table[after], 1)
-            expected = np.tensordot(reduced.faults[regime, f], expected, 1)
+            expected = np.tensordot(reduced.conditions[regime, z], expected, 1)
             for row in rows:
                 expected = np.tensordot(row, expected, 1)
             q[i, a] += reduced.price[reduced.agile[a], after, t] + mission.discount * expected
@@ -135,12 +143,15 @@ def by_successors(mission, w, states):
 def by_cluster(mission, w, states):
     """From the lower bound's cluster of all goals."""
     mdp = ClusterMdp(whole_mission(mission), np.float64)
-    ahead = mdp.ahead(by_x(w).reshape(len(w), 24, -1).swapaxes(1, 2))
-    s, column = mdp.reduced.split(states), mdp.reduced.x(states) @ 6 ** np.arange(mission.k)[::-1]
-    mode, costs = 8 * s.t + s.f - 1, mdp.costs({})
+    reduced = mdp.reduced
+    z_values, x_values = reduced.z_values, reduced.x_values
+    ahead = mdp.ahead(by_x(mission, w).reshape(len(w), 3 * z_values, -1).swapaxes(1, 2))
+    s, column = reduced.split(states), reduced.x(states) @ x_values ** np.arange(mission.k)[::-1]
+    mode, costs = z_values * s.t + reduced.z(states), mdp.costs({})
     tables = (mdp.q_values(cell, ahead, costs).reshape(-1, *mdp.shape[1:]) for cell in s.l)
     q = [table[:, x, i] for table, x, i in zip(tables, column, mode)]
-    own = mdp.state_costs[column, mode] + mdp.reduced.mode_costs(states)
+    own = mdp.state_costs[s.l % len(mdp.state_costs), column, mode]
+    own = own + reduced.mode_costs(states)
     return np.array(q) + own[:, None]
 
 
@@ -148,9 +159,9 @@ def by_expansion(mission, w, states):
     """From an expansion with clusters of all goals, in which every W has its coefficients."""
     clusters = Clusters.up_to(mission, mission.k, 10**9)
     basis = Basis(ReducedMission(whole_mission(mission)), clusters)
-    x = np.indices((6,) * mission.k).reshape(mission.k, -1).T
-    theta = np.linalg.solve(basis.now(x).T, by_x(w).reshape(-1, len(x)).T).T
-    theta = theta.reshape(len(w), 3, 8, basis.size).astype(np.float32)
+    x = np.indices((basis.reduced.x_values,) * mission.k).reshape(mission.k, -1).T
+    theta = np.linalg.solve(basis.now(x).T, by_x(mission, w).reshape(-1, len(x)).T).T
+    theta = theta.reshape(len(w), 3, -1, basis.size).astype(np.float32)
     ahead = ExpansionLookAhead(Expansion(mission, clusters, theta, 0, 0, 0.0, True))
     return ahead.q_values(states)
 

@@ -21,7 +21,7 @@ from chance import DRAWS, assert_drawn_from
 from forms import DOUBLE, FORMS, backed_up, outcomes_of
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from strategies import lively, missions, pick_states
+from strategies import charged_missions, lively, missions, pick_states, with_charge
 
 from uav_mission_manager.mdp import (
     StateSpace,
@@ -37,19 +37,20 @@ from uav_mission_manager.solver.exact import AxisModel, LookAhead, sweep
 from uav_mission_manager.solver.submdp import shared_sub_mdps
 
 SIZES = [(1, 1), (1, 3), (2, 2), (2, 3)]
+LARGE = [(1, 1), (2, 4), (3, 3)]
 seeds = st.integers(0, 2**32 - 1)
-any_mission = missions(SIZES, [1, 2])
+any_mission = missions(SIZES, [1, 2]) | charged_missions(SIZES, [1, 2])
 
 
 def random_w(mission, seed):
-    """W over l, t, g_1.., f, r_1.."""
+    """W over l, t, g_1.., f, r_1.., or b in place of these."""
     k = mission.k
-    shape = (mission.grid.q, 3, *(3,) * k, 8, *(2,) * k)
+    shape = (mission.grid.q, 3, *(3,) * k, 8, *StateSpace.of(mission).ranges)
     return np.random.default_rng(seed).uniform(-100, 100, shape)
 
 
 def sample(mission, count, seed):
-    return pick_states(StateSpace(mission.k, mission.grid.q), count, seed)
+    return pick_states(StateSpace.of(mission), count, seed)
 
 
 # The reference
@@ -59,7 +60,8 @@ def reference_value(model, w, state):
     """V(s) of W, in plain words."""
     f, r, g, cell, c, t, m = model.split(state)
     saved = model.goals[c - 1]['eta'] * g[c - 1] * r[c - 1] if c else 0.0
-    return model.document['threat']['cost'][t][m] - saved + w[(cell, t, *g, f - 1, *r)]
+    ranges = state[1:2] if model.charge else r
+    return model.document['threat']['cost'][t][m] - saved + w[(cell, t, *g, f - 1, *ranges)]
 
 
 def reference_q(document, w, states):
@@ -87,6 +89,7 @@ def assert_same(q, expected, tolerance):
 @given(any_mission, seeds)
 @example(lively(), 0)
 @example(lively(feasibility='paper'), 0)
+@example(with_charge(lively(), rate=2), 0)
 def test_one_epoch_look_ahead(form, document, seed):
     mission = mission_from_dict(document, 'test')
     w, states = random_w(mission, seed), sample(mission, 4, seed)
@@ -98,6 +101,7 @@ def test_one_epoch_look_ahead(form, document, seed):
 @settings(max_examples=25)
 @given(any_mission, seeds)
 @example(lively(), 0)
+@example(with_charge(lively()), 0)
 def test_a_sweep_takes_the_least_of_the_look_ahead(entries, document, seed):
     """In one block of rows and in many."""
     mission = mission_from_dict(document, 'test')
@@ -112,8 +116,9 @@ def test_a_sweep_takes_the_least_of_the_look_ahead(entries, document, seed):
 
 
 @settings(max_examples=25)
-@given(missions(SIZES, [2, 3]), st.integers(1, 2), seeds)
+@given(missions(SIZES, [2, 3]) | charged_missions(SIZES, [2, 3]), st.integers(1, 2), seeds)
 @example(lively(), 1, 0)
+@example(with_charge(lively()), 1, 0)
 def test_sub_mdps_with_shares_add_up_to_the_mission(document, n, seed):
     """Q of the sum of their W is the sum of their Q, wherever the mission allows the action."""
     mission = mission_from_dict(document, 'test')
@@ -124,7 +129,8 @@ def test_sub_mdps_with_shares_add_up_to_the_mission(document, n, seed):
         values = rng.uniform(-100, 100, model.shape)
         q += LookAhead(model, values).q_values(states)
         tracked = np.isin(range(k), sub.goals)
-        axes = *np.where(tracked, 3, 1), 8, *np.where(tracked, 2, 1)
+        ranges = sub.ranges if mission.range.charge else np.where(tracked, 2, 1)
+        axes = *np.where(tracked, 3, 1), 8, *ranges
         w += values.reshape(mission.grid.q, 3, *axes)
     expected = reference_q(document, w, states)
     allowed = np.isfinite(expected)
@@ -135,6 +141,7 @@ def test_sub_mdps_with_shares_add_up_to_the_mission(document, n, seed):
 @given(any_mission, seeds)
 @example(lively(), 0)
 @example(lively(feasibility='paper'), 0)
+@example(with_charge(lively(), rate=2), 0)
 def test_simulated_steps(document, seed):
     """Next states as often as they should be, and no others."""
     model, simulator = BruteForce(document), Simulator(mission_from_dict(document, 'test'))
@@ -171,7 +178,7 @@ def test_simulated_costs_and_what_may_be_simulated(document, seed):
 
 
 @settings(max_examples=50)
-@given(missions([(1, 1), (2, 4), (3, 3)], [1, 2, 4]), seeds)
+@given(missions(LARGE, [1, 2, 4]) | charged_missions(LARGE, [1, 2, 4]), seeds)
 def test_stage_costs_and_feasibility(document, seed):
     model, mission = BruteForce(document), mission_from_dict(document, 'test')
     states = sample(mission, 30, seed)
@@ -190,6 +197,7 @@ def test_stage_costs_and_feasibility(document, seed):
 @given(any_mission, seeds)
 @example(lively(), 0)
 @example(lively(feasibility='paper'), 0)
+@example(with_charge(lively(), rate=2), 0)
 def test_next_states_and_their_probabilities(document, seed):
     model, mission = BruteForce(document), mission_from_dict(document, 'test')
     may_complete = dynamics.may_complete(mission)
@@ -208,12 +216,13 @@ def test_next_states_and_their_probabilities(document, seed):
 
 
 @settings(max_examples=50)
-@given(missions([(1, 1), (2, 4), (3, 3)], [1, 3]))
+@given(missions(LARGE, [1, 3]) | charged_missions(LARGE, [1, 3]))
 def test_rows_of_every_matrix_are_distributions(document):
     mission = mission_from_dict(document, 'test')
     for matrices in (
         dynamics.fault_matrices(mission),
         dynamics.range_matrices(mission),
+        dynamics.charge_matrices(mission),
         dynamics.priority_matrices(mission),
         dynamics.threat_matrices(mission),
     ):

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uav_mission_manager.mdp import Energy, load_mission
-from uav_mission_manager.onboard import endurance, flight_range, range_flags, required_ranges
+from uav_mission_manager.mdp.range_model import endurance, flight_range, required_ranges
+from uav_mission_manager.onboard import range_flags
 
 MISSION = load_mission(Path(__file__).parents[2] / 'config' / 'case_study.yaml')
 ENERGY = Energy(

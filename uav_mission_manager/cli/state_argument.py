@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from uav_mission_manager.echo import quoted
 
-STATE_FORM = 'f, r and g of each goal, l, c, t, m; for three goals "1,1,0,1,0,2,1,1,0,2,1"'
+STATE_FORM = (
+    'f, r and g of each goal, l, c, t, m; for three goals "1,1,0,1,0,2,1,1,0,2,1"; one '
+    'b for all r where the mission has a charge'
+)
 """How a state is written, for the help of a command."""
 
 

@@ -1,11 +1,11 @@
 """The stage cost J(s, a), the paper's Eq. (cost), term by term.
 
     J(s, a) = sum_j goal_costs_j(g_j, r_j) - commitment_savings_c(g_c, r_c)
-              + travel_costs(a, l) + fault_costs(f) + threat_costs(t, m)
+              + travel_costs(a, l) + fault_costs(f) + threat_costs(t, m) + empty_costs(a, l, b)
 
 The first term is what the goals cost as if the UAV were committed to none of them; the second,
 0 where c = 0, is what the commitment takes off. Only `travel_costs`, the paper's h, depends on
-the action.
+the action, and `empty_costs` of a mission with a charge.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike
 
 from uav_mission_manager.mdp.actions import ActionKind, global_actions
 from uav_mission_manager.mdp.arrays import FloatArray
+from uav_mission_manager.mdp.charge import RangeFlags
+from uav_mission_manager.mdp.dynamics import ON_GROUND, regimes
 from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.mdp.routes import distances
 from uav_mission_manager.mdp.states import StateSpace
@@ -61,6 +63,18 @@ def threat_costs(mission: Mission) -> FloatArray:
     return np.array(mission.threat.cost)
 
 
+def empty_costs(mission: Mission) -> FloatArray:
+    """What flying on an empty battery costs besides, over action, cell and b: (2k+4, q, levels).
+
+    Without a charge nothing, shape (2k+4, q, 1).
+    """
+    charge, flown = mission.range.charge, ~np.isin(regimes(mission), ON_GROUND)
+    costs = np.zeros((*flown.shape, mission.range.levels))
+    if charge:
+        costs[..., 0] = charge.empty_cost * flown
+    return costs
+
+
 class StageCost:
     """J(s, a) of a mission, its tables made once for many calls."""
 
@@ -69,15 +83,21 @@ class StageCost:
         self._goals, self._savings = goal_costs(mission), commitment_savings(mission)
         self._travel = travel_costs(mission)
         self._faults, self._threat = fault_costs(mission), threat_costs(mission)
+        self._flags = RangeFlags(mission)
+        self._empty = empty_costs(mission) if mission.range.charge else None
 
     def __call__(self, states: ArrayLike, actions: ArrayLike) -> FloatArray:
         """J(s, a) of states (N, 2k+5) and action numbers (N,), shape (N,). Raises `StateError`."""
         s = self._space.split(self._space.check(states))
-        total = self._goals[np.arange(self._space.k), s.g, s.r].sum(axis=1)
+        r, a = self._flags(s), np.asarray(actions) - 1
+        total = self._goals[np.arange(self._space.k), s.g, r].sum(axis=1)
         row, goal = np.arange(len(s.c)), np.maximum(s.c - 1, 0)
-        saved = self._savings[goal, s.g[row, goal], s.r[row, goal]]
+        saved = self._savings[goal, s.g[row, goal], r[row, goal]]
         total += self._faults[s.f - 1] + self._threat[s.t, s.m] - (s.c > 0) * saved
-        return np.asarray(total + self._travel[np.asarray(actions) - 1, s.l])
+        total += self._travel[a, s.l]
+        if self._empty is not None:
+            total += self._empty[a, s.l, s.b[:, 0]]
+        return np.asarray(total)
 
 
 def stage_costs(mission: Mission, states: ArrayLike, actions: ArrayLike) -> FloatArray:
@@ -89,4 +109,5 @@ def largest_stage_cost(mission: Mission) -> float:
     """Bound on J(s, a) from above; it is nowhere below 0."""
     goals = goal_costs(mission).max(axis=(1, 2)).sum()
     own = travel_costs(mission).max() + fault_costs(mission).max() + threat_costs(mission).max()
+    own += empty_costs(mission).max()
     return float(goals + own)

@@ -4,8 +4,8 @@ Given the action the variables move independently, so P(s' | s, a) is the produc
 here, with one exception: an action that commits to goal j on the cell of goal j completes the
 goal with probability `completion(f)`, and then g_j' = 0 and c' = 0.
 
-Rows of a matrix are the present value, columns the next. How f and r move depends on the
-*regime* of the epoch: flight in one of two modes, or one of three stays on the ground.
+Rows of a matrix are the present value, columns the next. How f, r and the charge move depends on
+the *regime* of the epoch: flight in one of two modes, or one of three stays on the ground.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from uav_mission_manager.mdp.routes import next_hops
 
 
 class Regime(IntEnum):
-    """How an epoch is spent, as far as faults and ranges are concerned."""
+    """How an epoch is spent, as far as faults, ranges and the charge are concerned."""
 
     NORMAL_FLIGHT = 0
     AGILE_FLIGHT = 1
@@ -76,8 +76,30 @@ def failure_probabilities(mission: Mission) -> FloatArray:
 
 
 def range_loss_probabilities(mission: Mission) -> FloatArray:
-    """P(r_j: 1 -> 0) in normal and agile flight, shape (2,)."""
-    return np.array([mission.range.loss.normal, mission.range.loss.agile])
+    """P(r_j: 1 -> 0) in normal and agile flight, (2,), or (0,) where the charge tells r_j."""
+    loss = mission.range.loss
+    return np.array([] if loss is None else [loss.normal, loss.agile])
+
+
+def drain_probabilities(mission: Mission) -> FloatArray:
+    """P(d levels of the charge are drained) in normal and agile flight, shape (2, levels).
+
+    Without a charge it is always at its one level, shape (2, 1).
+    """
+    charge = mission.range.charge
+    rows = (charge.drain.normal, charge.drain.agile) if charge else ((1.0,), (1.0,))
+    out = np.zeros((2, mission.range.levels))
+    for row, given in zip(out, rows):
+        row[: len(given)] = given[: len(row)]
+        row[-1] += sum(given[len(row) :])  # To drain more than there is leaves the lowest level.
+    return out
+
+
+def recharged_levels(mission: Mission) -> IndexArray:
+    """B' after an epoch of recharging at each level b, shape (levels,)."""
+    levels, charge = mission.range.levels, mission.range.charge
+    rate = charge.rate if charge and charge.rate else levels
+    return np.minimum(np.arange(levels) + rate, levels - 1)
 
 
 def fault_matrices(mission: Mission) -> FloatArray:
@@ -93,11 +115,26 @@ def fault_matrices(mission: Mission) -> FloatArray:
 
 
 def range_matrices(mission: Mission) -> FloatArray:
-    """P(r_j' | r_j) in each regime, shape (5, 2, 2)."""
-    matrices = np.broadcast_to(np.eye(2), (len(Regime), 2, 2)).copy()
+    """P(r_j' | r_j) in each regime, shape (5, 2, 2), or (5, 1, 1) where the charge tells r_j."""
+    values = mission.range.flag_values
+    matrices = np.broadcast_to(np.eye(values), (len(Regime), values, values)).copy()
+    if values == 1:
+        return matrices
     for regime, loss in enumerate(range_loss_probabilities(mission)):
         matrices[regime, 1] = loss, 1 - loss
     matrices[Regime.RECHARGED, 0] = 0.0, 1.0
+    return matrices
+
+
+def charge_matrices(mission: Mission) -> FloatArray:
+    """P(b' | b) in each regime, shape (5, levels, levels)."""
+    levels = mission.range.levels
+    matrices = np.broadcast_to(np.eye(levels), (len(Regime), levels, levels)).copy()
+    drain = drain_probabilities(mission)
+    matrices[:2] = 0
+    for level, drained in np.ndindex(levels, levels):
+        matrices[:2, level, max(level - drained, 0)] += drain[:, drained]
+    matrices[Regime.RECHARGED] = np.eye(levels)[recharged_levels(mission)]
     return matrices
 
 

@@ -3,7 +3,7 @@
 `strict` missions allow
 
 - commitment to goal j only where g_j > 0, r_j = 1 and completion(f) > 0;
-- recharging only where some r_j = 0;
+- recharging only where some r_j = 0, or where the mission has a charge, where that is not full;
 - repair only where f > 1.
 
 `paper` missions allow every action everywhere, as the paper does.
@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from uav_mission_manager.mdp.actions import ActionKind, global_actions
 from uav_mission_manager.mdp.arrays import BoolArray
+from uav_mission_manager.mdp.charge import RangeFlags
 from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.mdp.states import StateSpace
 
@@ -32,13 +33,13 @@ class Feasibility:
         Whether the fault mode f allows each action.
     by_goal : bool array (3, 2)
         Whether g_j and r_j allow commitment to goal j.
-    needs_lost_range : bool array (2k+4,)
-        Whether the action is allowed only where some r_j = 0.
+    needs_room : bool array (2k+4,)
+        Whether the action is allowed only where some r_j = 0, or the charge is not full.
     """
 
     by_fault: BoolArray
     by_goal: BoolArray
-    needs_lost_range: BoolArray
+    needs_room: BoolArray
 
 
 def feasibility(mission: Mission) -> Feasibility:
@@ -46,7 +47,7 @@ def feasibility(mission: Mission) -> Feasibility:
     kinds = [action.kind for action in global_actions(mission)]
     by_fault = np.ones((len(kinds), 8), dtype=bool)
     by_goal = np.ones((3, 2), dtype=bool)
-    needs_lost_range = np.zeros(len(kinds), dtype=bool)
+    needs_room = np.zeros(len(kinds), dtype=bool)
     if mission.feasibility == 'strict':
         by_goal[0] = by_goal[:, 0] = False
         completes = np.array(mission.faults.completion) > 0
@@ -55,17 +56,18 @@ def feasibility(mission: Mission) -> Feasibility:
                 by_fault[a] = completes
             elif kind is ActionKind.REPAIR:
                 by_fault[a, 0] = False
-            needs_lost_range[a] = kind is ActionKind.RECHARGE
-    return Feasibility(by_fault, by_goal, needs_lost_range)
+            needs_room[a] = kind is ActionKind.RECHARGE
+    return Feasibility(by_fault, by_goal, needs_room)
 
 
 def allowed_actions(mission: Mission, states: ArrayLike) -> BoolArray:
     """Whether each action is allowed in states (N, 2k+5), shape (N, 2k+4). Raises `StateError`."""
     space, rule = StateSpace.of(mission), feasibility(mission)
     s = space.split(space.check(states))
-    allowed = rule.by_fault[:, s.f - 1].T
+    flags, allowed = RangeFlags(mission)(s), rule.by_fault[:, s.f - 1].T
     for column, action in zip(allowed.T, global_actions(mission)):
         if action.goal is not None:
-            column &= rule.by_goal[s.g[:, action.goal], s.r[:, action.goal]]
-    allowed[:, rule.needs_lost_range] &= (s.r == 0).any(axis=1)[:, None]
+            column &= rule.by_goal[s.g[:, action.goal], flags[:, action.goal]]
+    room = np.less(np.concatenate([s.r, s.b], axis=1), space.charged).any(axis=1)
+    allowed[:, rule.needs_room] &= room[:, None]
     return allowed

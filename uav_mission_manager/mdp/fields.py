@@ -234,7 +234,10 @@ polygon = Check(
 
 
 def _distribution(value: Any) -> Row:
-    values = _three_probabilities(value)
+    return _summing_to_1(value, _three_probabilities(value))
+
+
+def _summing_to_1(value: Any, values: Row) -> Row:
     if abs(sum(values) - 1) > ROW_SUM_TOLERANCE:
         raise Bad(f'row {quoted(value)} sums to {sum(values):.12g}, not to 1')
     return values
@@ -242,6 +245,19 @@ def _distribution(value: Any) -> Row:
 
 distribution = Check(_distribution, _three_probabilities.schema)
 """Check three probabilities that sum to 1."""
+
+
+def distribution_of(most: int) -> Check[Row]:
+    """Return a check for a list of up to so many probabilities that sum to 1."""
+
+    def check(value: Any) -> Row:
+        if not isinstance(value, (list, tuple)) or not 1 <= len(value) <= most:
+            raise Bad(f'{quoted(value)} is not a list of 1 to {most} probabilities')
+        return _summing_to_1(value, tuple(probability(entry) for entry in value))
+
+    schema = {'type': 'array', 'items': dict(probability.schema), 'minItems': 1, 'maxItems': most}
+    return Check(check, schema)
+
 
 stochastic_matrix = matrix(3, distribution)
 """Check a list of three rows of three probabilities, each of which sums to 1."""

@@ -108,11 +108,68 @@ class Faults:
 
 
 @dataclass(frozen=True)
-class Range:
-    """Loss of range: P(r_j: 1 -> 0) an epoch in flight, and the cost beta of lost range."""
+class Drain:
+    """P(d) of the levels d = 0, 1, .. that an epoch of flight drains, by mode."""
 
-    loss: ByMode
+    normal: Row
+    agile: Row
+
+
+@dataclass(frozen=True)
+class Charge:
+    """The battery as the model has it: the state of charge in levels, b = 0..levels-1.
+
+    Attributes
+    ----------
+    levels : int
+        At least 2. Level b stands for the state of charge from b / levels on.
+    reserve : float
+        State of charge (0 to 1) that counts for no range.
+    drain : Drain
+    empty_cost : float
+        Cost of an epoch of flight with b = 0, on top of all others.
+    rate : int or None
+        Levels that an epoch of recharging adds; None for all.
+    """
+
+    levels: int
+    reserve: float
+    drain: Drain
+    empty_cost: float
+    rate: int | None = None
+
+
+@dataclass(frozen=True)
+class Range:
+    """What takes goals out of range, and the cost beta of lost range.
+
+    Attributes
+    ----------
+    cost : float
+    loss : ByMode or None
+        P(r_j: 1 -> 0) an epoch in flight: each range flag is a variable of its own.
+    charge : Charge or None
+        In place of `loss`: one charge, which tells all range flags.
+    """
+
     cost: float
+    loss: ByMode | None = None
+    charge: Charge | None = None
+
+    def __post_init__(self) -> None:
+        """Raise `ValueError` unless there is one of loss and charge."""
+        if (self.loss is None) == (self.charge is None):
+            raise ValueError('range: needs one of loss and charge')
+
+    @property
+    def flag_values(self) -> int:
+        """Values of a range flag as a variable of its own: 2, or 1 where the charge tells it."""
+        return 1 if self.charge else 2
+
+    @property
+    def levels(self) -> int:
+        """Values of the charge as a variable: 1 where it is none."""
+        return self.charge.levels if self.charge else 1
 
 
 @dataclass(frozen=True)
@@ -178,7 +235,7 @@ class ServiceCost:
 
 @dataclass(frozen=True)
 class Energy:
-    """Numbers of the range model (see `uav_mission_manager.onboard.range_model`).
+    """Numbers of the range model (see `uav_mission_manager.mdp.range_model`).
 
     Attributes
     ----------
@@ -190,6 +247,8 @@ class Energy:
         q, worst wind [m/s], and k1, range lost to it [m/(m/s)].
     payload, payload_penalty : float
         Payload mass [kg] and k2, range lost to it [m/kg].
+    agile_power, agile_speed : float or None
+        Power [W] and speed [m/s] in agile flight; None for those of normal flight.
     """
 
     capacity: float
@@ -200,6 +259,8 @@ class Energy:
     wind_penalty: float
     payload: float
     payload_penalty: float
+    agile_power: float | None = None
+    agile_speed: float | None = None
 
 
 @dataclass(frozen=True)
@@ -224,7 +285,8 @@ class Mission:
     Raises
     ------
     ValueError
-        If `extra_costs` have another shape, or one is below 0 or not finite.
+        If `extra_costs` have another shape, or one is below 0 or not finite, or there is a charge
+        without `energy`.
     """
 
     name: str
@@ -242,7 +304,9 @@ class Mission:
     areas: Areas = field(default=Areas(), compare=False)
 
     def __post_init__(self) -> None:
-        """Raise `ValueError` where the extra costs cannot be used."""
+        """Raise `ValueError` where the extra costs, or a charge, cannot be used."""
+        if self.range.charge is not None and self.energy is None:
+            raise ValueError('range.charge: needs energy')
         actions, lengths = 2 * self.k + 4, {len(row) for row in self.extra_costs}
         if self.extra_costs and (len(self.extra_costs) != actions or lengths != {self.grid.q}):
             raise ValueError(f'extra_costs: not {actions} rows of {self.grid.q}')
@@ -286,8 +350,13 @@ class Mission:
             del data['grid']['elevation']
         if not self.grid.bearing:
             del data['grid']['bearing']
+        data['range'] = _without_none(data['range'])
+        if self.range.charge is not None:
+            data['range']['charge'] = _without_none(data['range']['charge'])
         if self.energy is None:
             del data['energy']
+        else:
+            data['energy'] = _without_none(data['energy'])
         data['areas'] = {key: value for key, value in data['areas'].items() if value}
         if not data['areas']:
             del data['areas']
@@ -299,3 +368,7 @@ class Mission:
         data = replace(self, goals=goals, areas=Areas()).to_dict()
         text = json.dumps(data, sort_keys=True, separators=(',', ':'))
         return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _without_none(data: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in data.items() if value is not None}

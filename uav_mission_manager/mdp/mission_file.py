@@ -18,12 +18,15 @@ from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.geodesy import Origin
 from uav_mission_manager.mdp import fields
 from uav_mission_manager.mdp.areas import Areas, NoFlyArea, Polygon, fault_of_polygon
+from uav_mission_manager.mdp.charge import drain_by_energy
 from uav_mission_manager.mdp.epoch import Epoch
 from uav_mission_manager.mdp.fields import Bad
 from uav_mission_manager.mdp.goal_tasks import read_task
 from uav_mission_manager.mdp.grid import Grid
 from uav_mission_manager.mdp.mission import (
     ByMode,
+    Charge,
+    Drain,
     Energy,
     Faults,
     Goal,
@@ -85,7 +88,7 @@ def mission_from_dict(data: Any, source: str) -> Mission:
         grid=grid,
         goals=_goals(root, grid, epoch, cost),
         faults=root.below('faults', lambda section: _faults(section, epoch, cost)),
-        range=root.below('range', lambda section: _range(section, epoch, cost)),
+        range=root.below('range', lambda section: _range(section, grid, energy, cost)),
         threat=root.below('threat', lambda section: _threat(section, grid, epoch, cost)),
         distance_weight=root.get('distance_weight', cost),
         service_cost=root.below(
@@ -258,12 +261,38 @@ def _by_mode(section: Section, then: Callable[[Any], Any] = as_given) -> ByMode:
     return ByMode(*(section.get(mode, then) for mode in ('normal', 'agile')))
 
 
-def _range(section: Section, epoch: Epoch, cost: Callable[[Any], Any]) -> Range:
-    if 'lasts' in section:
+def _range(
+    section: Section, grid: Grid, energy: Energy | None, cost: Callable[[Any], Any]
+) -> Range:
+    loss = charge = None
+    if 'charge' in section:
+        if energy is None:
+            section.fail('charge', 'needs the section energy, which is missing')
+        charge = section.below('charge', lambda levels: _charge(levels, grid, energy, cost))
+    elif 'lasts' in section:
+        epoch = Epoch(grid.cell_size, energy.speed if energy else None)
         loss = section.below('lasts', lambda modes: _by_mode(modes, epoch.end))
     else:
         loss = section.below('loss', _by_mode)
-    return Range(loss=loss, cost=section.get('cost', cost))
+    return Range(section.get('cost', cost), loss, charge)
+
+
+def _charge(section: Section, grid: Grid, energy: Energy, cost: Callable[[Any], Any]) -> Charge:
+    levels = section.get('levels')
+    if 'drain' in section:
+        drain = section.below('drain', lambda modes: Drain(**_all(modes)))
+    else:
+        try:
+            drain = drain_by_energy(energy, grid.cell_size, levels, section.get('noise'))
+        except Bad as error:
+            section.fail('levels', str(error))
+    return Charge(
+        levels=levels,
+        reserve=section.get('reserve'),
+        drain=drain,
+        empty_cost=section.get('empty_cost', cost),
+        rate=section.get('rate'),
+    )
 
 
 def _threat(section: Section, grid: Grid, epoch: Epoch, cost: Callable[[Any], Any]) -> Threat:

@@ -13,6 +13,9 @@ from uav_mission_manager.mdp.tables import Cells, Entries, Field, Table
 MAX_CELLS = 1_000_000
 """Cells of a grid at most: a choice; one goal on so many takes a minute and gigabytes."""
 
+MAX_LEVELS = 1000
+"""Levels of a charge at most: a choice, finer than any gauge."""
+
 _SIDE = fields.integer(1, MAX_CELLS)
 _CELL: Check[Any] = Check(lambda value: value, fields.integer(0, MAX_CELLS - 1).schema)
 """Which cells there are is for the grid to say."""
@@ -31,7 +34,7 @@ def _parts(check: Check[float]) -> Table:
     )
 
 
-def _modes(check: Check[float]) -> Table:
+def _modes(check: Check[Any]) -> Table:
     return Table(tuple(Field(mode, check, f'in {mode} flight') for mode in ('normal', 'agile')))
 
 
@@ -159,6 +162,39 @@ _FAULTS = Table(
     ),
 )
 
+_DRAIN_ROW = fields.distribution_of(MAX_LEVELS)
+
+_CHARGE = Table(
+    (
+        Field('levels', fields.integer(2, MAX_LEVELS), 'of the state of charge', 16),
+        Field('reserve', fields.probability, 'state of charge that counts for no range [1]', 0.1),
+        Field(
+            'noise',
+            fields.probability,
+            'by how much an epoch of flight may take less or more energy, with probability 1/4 '
+            'each [1]',
+            0.2,
+        ),
+        Field(
+            'drain',
+            _modes(_DRAIN_ROW),
+            'in place of noise: probabilities that an epoch of flight drains 0, 1, .. levels [1]',
+        ),
+        Field(
+            'rate',
+            fields.integer(1, MAX_LEVELS),
+            'levels that an epoch of recharging adds; without, it is full at once',
+            None,
+        ),
+        Field(
+            'empty_cost',
+            fields.non_negative,
+            'of flying on an empty battery, besides [cost, see costs_per]',
+        ),
+    ),
+    ((('noise',), ('drain',)),),
+)
+
 _RANGE = Table(
     (
         Field(
@@ -172,12 +208,17 @@ _RANGE = Table(
             'in place of loss: mean time of flight until a goal falls out of range [s]',
         ),
         Field(
+            'charge',
+            _CHARGE,
+            'in place of loss: one battery, whose charge tells what is in range; needs energy',
+        ),
+        Field(
             'cost',
             fields.non_negative,
             'with all goals out of range, shared over them [cost, see costs_per]',
         ),
     ),
-    ((('loss',), ('lasts',)),),
+    ((('loss',), ('lasts',), ('charge',)),),
 )
 
 _LASTS = Table(
@@ -243,6 +284,8 @@ _ENERGY = Table(
         Field('wind_penalty', fields.non_negative, 'range lost to wind [m/(m/s)]'),
         Field('payload', fields.non_negative, 'mass [kg]'),
         Field('payload_penalty', fields.non_negative, 'range lost to it [m/kg]'),
+        Field('agile_power', fields.positive, 'drawn in agile flight; without, power [W]', None),
+        Field('agile_speed', fields.positive, 'in agile flight; without, speed [m/s]', None),
     )
 )
 

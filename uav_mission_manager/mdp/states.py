@@ -1,4 +1,8 @@
-"""The state s = [f, r_1..r_k, g_1..g_k, l, c, t, m] and its index."""
+"""The state and its index: s = [f, r_1..r_k, g_1..g_k, l, c, t, m].
+
+Where the mission has a charge, its level b is in place of the k range flags, which it tells (see
+`uav_mission_manager.mdp.charge`): s = [f, b, g_1..g_k, l, c, t, m].
+"""
 
 from __future__ import annotations
 
@@ -25,14 +29,19 @@ class StateView(NamedTuple):
     ----------
     f : int array (N,)
         Fault mode, from 1.
-    r, g : int array (N, k)
-        Range flags and priorities.
+    r : int array (N, k)
+        Range flags; (N, 0) where the charge tells them.
+    b : int array (N, 1)
+        Level of the charge; (N, 0) where it is no variable.
+    g : int array (N, k)
+        Priorities.
     l, c, t, m : int array (N,)
         Cell, commitment (from 1, 0 none), threat, mode.
     """
 
     f: IntArray
     r: IntArray
+    b: IntArray
     g: IntArray
     l: IntArray  # noqa: E741  The paper's letter.
     c: IntArray
@@ -42,36 +51,47 @@ class StateView(NamedTuple):
 
 @dataclass(frozen=True)
 class StateSpace:
-    """All states of a mission with k goals on q cells and some threat levels.
+    """All states of a mission with k goals on q cells, some threat levels and levels of charge.
 
-    A state is a row of 2k+5 integers; f counts from 1, all others from 0. The index runs over
-    the rows in lexicographic order, m fastest.
+    A state is a row of 2k+5 integers, with a charge of k+6; f counts from 1, all others from 0.
+    The index runs over the rows in lexicographic order, m fastest.
     """
 
     k: int
     q: int
     threats: int = len(THREAT_LEVELS)
+    levels: int = 1
 
     @classmethod
     def of(cls, mission: Mission) -> StateSpace:
         """Return the states of a mission."""
-        return cls(mission.k, mission.grid.q, len(mission.threat.levels))
+        return cls(mission.k, mission.grid.q, len(mission.threat.levels), mission.range.levels)
+
+    @property
+    def ranges(self) -> tuple[int, ...]:
+        """Number of values of each variable that tells range: k flags, or one charge."""
+        return (2,) * self.k if self.levels == 1 else (self.levels,)
+
+    @property
+    def charged(self) -> tuple[int, ...]:
+        """These variables when all is in range, and the battery full."""
+        return tuple(values - 1 for values in self.ranges)
 
     @property
     def shape(self) -> tuple[int, ...]:
         """Number of values of each variable."""
-        return (8, *(2,) * self.k, *(3,) * self.k, self.q, self.k + 1, self.threats, 2)
+        return (8, *self.ranges, *(3,) * self.k, self.q, self.k + 1, self.threats, 2)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Name of each variable."""
         numbers = range(1, self.k + 1)
-        ranges, priorities = (tuple(f'{letter}{j}' for j in numbers) for letter in 'rg')
-        return ('f', *ranges, *priorities, 'l', 'c', 't', 'm')
+        flags, priorities = (tuple(f'{letter}{j}' for j in numbers) for letter in 'rg')
+        return ('f', *(flags if self.levels == 1 else 'b'), *priorities, 'l', 'c', 't', 'm')
 
     @property
     def size(self) -> int:
-        """Number of states: 8 * 2^k * 3^k * q * (k+1) * threats * 2."""
+        """Number of states: 8 * 2^k * 3^k * q * (k+1) * threats * 2; a charge has B for 2^k."""
         return math.prod(self.shape)
 
     def check(self, states: ArrayLike) -> IntArray:
@@ -83,9 +103,9 @@ class StateSpace:
             If they have another number of variables or a value out of range.
         """
         rows = np.atleast_2d(np.asarray(states))
-        if rows.ndim != 2 or rows.shape[1] != 2 * self.k + 5:
+        if rows.ndim != 2 or rows.shape[1] != len(self.shape):
             raise StateError(
-                f'a state has {2 * self.k + 5} variables ({" ".join(self.names)}), '
+                f'a state has {len(self.shape)} variables ({" ".join(self.names)}), '
                 f'not {rows.shape[-1]}'
             )
         if not np.issubdtype(rows.dtype, np.integer):
@@ -114,10 +134,12 @@ class StateSpace:
 
     def split(self, states: IntArray) -> StateView:
         """Return the variables of states (..., 2k+5) as views with the array's leading axes."""
-        g, end = self.k + 1, 2 * self.k + 1
+        g = 1 + len(self.ranges)
+        b, end = 1 if self.levels > 1 else g, g + self.k
         return StateView(
             f=states[..., 0],
-            r=states[..., 1:g],
+            r=states[..., 1:b],
+            b=states[..., b:g],
             g=states[..., g:end],
             l=states[..., end],
             c=states[..., end + 1],

@@ -5,12 +5,7 @@ from uav_mission_manager.onboard.deciding import Refusal, decide
 from uav_mission_manager.onboard.dwell import StandingCommand, dwell
 from uav_mission_manager.onboard.inputs import InputError
 from uav_mission_manager.onboard.mission_manager import ManagerSettings, MissionManager
-from uav_mission_manager.onboard.range_model import (
-    endurance,
-    flight_range,
-    range_flags,
-    required_ranges,
-)
+from uav_mission_manager.onboard.range_model import range_flags
 from uav_mission_manager.onboard.situation import Situation
 
 __all__ = [
@@ -22,10 +17,7 @@ __all__ = [
     'StandingCommand',
     'decide',
     'dwell',
-    'endurance',
-    'flight_range',
     'format_command',
     'parse_command',
     'range_flags',
-    'required_ranges',
 ]

@@ -13,6 +13,7 @@ from functools import cached_property, reduce
 
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, Action, Energy, Mission
+from uav_mission_manager.mdp.range_model import required_ranges
 from uav_mission_manager.onboard.battery import Batteries, BatteryReport
 from uav_mission_manager.onboard.inputs import (
     InputError,
@@ -21,7 +22,7 @@ from uav_mission_manager.onboard.inputs import (
     missing_inputs,
 )
 from uav_mission_manager.onboard.place import off_grid, present_cell, strayed
-from uav_mission_manager.onboard.range_model import range_flags, required_ranges
+from uav_mission_manager.onboard.range_model import range_flags
 from uav_mission_manager.onboard.settling import (
     FAULT_DANGERS,
     THREAT_DANGERS,

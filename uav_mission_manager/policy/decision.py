@@ -17,6 +17,7 @@ from uav_mission_manager.mdp import (
     action_name,
 )
 from uav_mission_manager.mdp.arrays import FloatArray
+from uav_mission_manager.mdp.charge import RangeFlags
 
 
 @dataclass(frozen=True)
@@ -97,8 +98,10 @@ def _motive(mission: Mission, state: list[int], action: Action) -> str:
         goal, level = mission.goals[action.goal], ('no', 'low', 'high')[s.g[action.goal]]
         motive = f'{goal.name} has {level} priority'
     elif action.kind is ActionKind.RECHARGE:
-        lost = [goal.name for goal, r in zip(mission.goals, s.r) if not r]
+        lost = [goal.name for goal, r in zip(mission.goals, RangeFlags(mission)(s)) if not r]
         motive = f'out of range: {", ".join(lost) or "no goal"}'
+        if mission.range.charge is not None:
+            motive = f'charge {s.b[0]} of {mission.range.levels - 1}, {motive}'
     elif action.kind is ActionKind.REPAIR:
         motive = f'fault mode {FAULT_MODES[s.f - 1]}'
     elif not s.g.any():

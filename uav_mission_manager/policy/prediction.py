@@ -13,7 +13,7 @@ from uav_mission_manager.solver.exact.memory import needed_bytes
 from uav_mission_manager.solver.exact.value_iteration import PRECISIONS
 from uav_mission_manager.solver.expansion import Clusters
 from uav_mission_manager.solver.expansion.fit import fit_bytes
-from uav_mission_manager.solver.submdp import SubMdp, state_count, whole_mission
+from uav_mission_manager.solver.submdp import SubMdp, sub_mdp_states, whole_mission
 from uav_mission_manager.solver.threads import processors
 
 DEFAULT_ORDER = 3
@@ -65,7 +65,7 @@ class Prediction:
 
 def states_in_full(mission: Mission, order: int = DEFAULT_ORDER) -> int:
     """Most states of a cluster that holds so many goals in full."""
-    return state_count(min(order, mission.k), mission.grid.q, 8, len(mission.threat.levels))
+    return sub_mdp_states(mission, min(order, mission.k))
 
 
 def exact_bytes(sub: SubMdp, precision: str = 'mixed') -> int:
@@ -137,6 +137,7 @@ def _solved(method: str, subs: tuple[SubMdp, ...]) -> Prediction:
 def _expansion(mission: Mission) -> Prediction:
     clusters = Clusters.up_to(mission, DEFAULT_ORDER, states_in_full(mission))
     states = clusters.states(mission)
-    unknowns = mission.grid.q * 8 * len(mission.threat.levels) * clusters.features
+    conditions = 8 * mission.range.levels
+    unknowns = mission.grid.q * conditions * len(mission.threat.levels) * clusters.features
     needed = fit_bytes(mission, clusters)
     return Prediction('expansion', len(states), max(states), unknowns, needed, None)

@@ -208,7 +208,10 @@ def _write_part(directory: Path, position: int, solution: Solution) -> dict[str,
 
 def _write_expansion(directory: Path, expansion: Expansion) -> dict[str, Any]:
     return {
-        'clusters': [vars(group) for group in expansion.clusters.groups],
+        'clusters': [
+            {'detail': group.detail, 'clusters': group.clusters}
+            for group in expansion.clusters.groups
+        ],
         **{name: getattr(expansion, name) for name in EXPANSION_FIELDS},
         'theta': _write_array(directory / 'theta.npy', expansion.theta),
     }
@@ -220,11 +223,13 @@ def _write_array(file: Path, array: AnyArray) -> dict[str, str]:
 
 
 def _read_expansion(directory: Path, mission: Mission, part: dict[str, Any]) -> Expansion:
+    values, conditions = 3 * mission.range.flag_values, 8 * mission.range.levels
     groups = [
-        Group(group['detail'], _goals(mission, group['clusters'])) for group in part['clusters']
+        Group(group['detail'], _goals(mission, group['clusters']), values)
+        for group in part['clusters']
     ]
     clusters = Clusters(tuple(groups))
-    shape = mission.grid.q, len(mission.threat.levels), 8, clusters.features
+    shape = mission.grid.q, len(mission.threat.levels), conditions, clusters.features
     theta = _read_array(directory, part['theta'], shape, FLOAT_TYPES)
     return Expansion(mission, clusters, theta, **numbers(part, EXPANSION_FIELDS))
 
@@ -238,8 +243,8 @@ def _goals(mission: Mission, clusters: list[list[int]]) -> tuple[tuple[int, ...]
 
 def _read_certificate(directory: Path, mission: Mission, part: dict[str, Any]) -> Certificate:
     clusters = np.array(_goals(mission, part['clusters']))
-    whole = mission.grid.q, len(mission.threat.levels), 8
-    shape = len(clusters), *whole, *(6,) * clusters.shape[1]
+    whole = mission.grid.q, len(mission.threat.levels), 8 * mission.range.levels
+    shape = len(clusters), *whole, *(3 * mission.range.flag_values,) * clusters.shape[1]
     tables = _read_array(directory, part['tables'], shape, FLOAT_TYPES)
     bound = LowerBound(mission, clusters, tables)
     rest = {name: part[name] for name in part if name not in ('clusters', 'tables')}

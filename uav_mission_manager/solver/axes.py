@@ -53,6 +53,30 @@ def drift(
     ]
 
 
+def fall(
+    values: RealArray, probabilities: RealArray, before: RealArray, scratch: RealArray
+) -> list[ArrayStep]:
+    """Expectation, in place, over a fall by d steps along axis 2, to the first entry at most.
+
+    `values`, `before` and `scratch` have shape (modes, lines, n, ..), `probabilities` (modes, D)
+    for d = 0..D-1 < n.
+    """
+    weights = probabilities.T.reshape(probabilities.shape[1], -1, *(1,) * (values.ndim - 1))
+    steps: list[ArrayStep] = [
+        (np.copyto, (before, values)),
+        (np.multiply, (before, weights[0], values)),
+    ]
+    for d, weight in enumerate(weights[1:], 1):
+        product = scratch[:, :, :-d]
+        steps += [
+            (np.multiply, (before[:, :, :-d], weight, product)),
+            # All that would fall further stays at the first entry.
+            (np.add, (values[:, :, :d], product[:, :, :1], values[:, :, :d])),
+            (np.add, (values[:, :, d:], product, values[:, :, d:])),
+        ]
+    return steps
+
+
 def gather(source: RealArray, rows: IndexArray, out: RealArray) -> ArrayStep:
     """Step out[i] = source[rows[i]]; `source` in one piece."""
     # mode='raise' would go through a buffer.

@@ -1,9 +1,10 @@
 """Sub-MDPs: the mission seen through some of its goals.
 
-A sub-MDP tracks f, l, t and m, and of every goal in its cluster r_j, g_j and whether the UAV is
-committed to it. The whole mission is the sub-MDP of all goals. Its costs are those of
-`uav_mission_manager.mdp.cost`, each times the sub-MDP's share of it; its rules are those of
-`uav_mission_manager.mdp.feasibility`, as far as they ask for what it tracks.
+A sub-MDP tracks f, l, t and m, the charge where the mission has one, and of every goal in its
+cluster r_j, unless the charge tells it, g_j and whether the UAV is committed to it. The whole
+mission is the sub-MDP of all goals. Its costs are those of `uav_mission_manager.mdp.cost`, each
+times the sub-MDP's share of it; its rules are those of `uav_mission_manager.mdp.feasibility`, as
+far as they ask for what it tracks.
 """
 
 from __future__ import annotations
@@ -66,17 +67,27 @@ class SubMdp:
 
     @property
     def states(self) -> int:
-        """Number of states: 8 * 2^n * 3^n * q * (n+1) * T * 2."""
-        return state_count(self.n, self.mission.grid.q, 8, self.threats)
+        """Number of states: 8 * 2^n * 3^n * q * (n+1) * T * 2; a charge has B for 2^n."""
+        return sub_mdp_states(self.mission, self.n)
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Shape of W over the axes l, (t, g), (f, r): (q, T * 3^n, 8 * 2^n)."""
-        return self.mission.grid.q, self.threats * 3**self.n, 8 * 2**self.n
+        """Shape of W over l, (t, g), (f, r): (q, T * 3^n, 8 * 2^n); a charge has B for 2^n."""
+        return self.mission.grid.q, self.threats * 3**self.n, 8 * math.prod(self.ranges)
+
+    @property
+    def ranges(self) -> tuple[int, ...]:
+        """Number of values of each variable that tells range: n flags, or one charge."""
+        return StateSpace(self.n, 1, levels=self.mission.range.levels).ranges
+
+    @property
+    def range_columns(self) -> list[int]:
+        """Where a global state has these variables."""
+        return [1] if self.mission.range.charge else [1 + j for j in self.goals]
 
     @property
     def entries(self) -> int:
-        """Number of unknowns W(l, t, g, f, r)."""
+        """Number of unknowns W(l, t, g, f, r), or W(l, t, g, f, b)."""
         return math.prod(self.shape)
 
     def slot(self, action: Action) -> int | None:
@@ -105,6 +116,11 @@ class SubMdp:
         return self.share * cost.fault_costs(self.mission)
 
     @cached_property
+    def empty_costs(self) -> FloatArray:
+        """What flying on an empty battery costs, over action, cell and b: (actions, q, levels)."""
+        return self.share * cost.empty_costs(self.mission)[np.array(self.numbers) - 1]
+
+    @cached_property
     def threat_costs(self) -> FloatArray:
         """p(t, m), shape (T, 2)."""
         return self.share * cost.threat_costs(self.mission)
@@ -113,15 +129,16 @@ class SubMdp:
     def feasibility(self) -> Feasibility:
         """The mission's rule for its actions; what it does not track does not restrict."""
         rule, chosen = feasibility(self.mission), np.array(self.numbers) - 1
-        whole = self.n == self.mission.k
-        return Feasibility(
-            rule.by_fault[chosen], rule.by_goal, rule.needs_lost_range[chosen] & whole
-        )
+        known = self.mission.range.charge is not None or self.n == self.mission.k
+        return Feasibility(rule.by_fault[chosen], rule.by_goal, rule.needs_room[chosen] & known)
 
-    def flags_and_priorities(self, states: IntArray) -> tuple[IntArray, IntArray]:
-        """Return r and g of the goals tracked in global states (N, 2k+5), each (N, n)."""
-        s = self._space.split(states)
-        return s.r[:, self._chosen], s.g[:, self._chosen]
+    def priorities(self, states: IntArray) -> IntArray:
+        """Return g of the goals tracked in global states (N, 2k+5), shape (N, n)."""
+        return self._space.split(states).g[:, self._chosen]
+
+    def range_values(self, states: IntArray) -> IntArray:
+        """Return the variables that tell range in global states (N, 2k+5), as of `ranges`."""
+        return states[..., self.range_columns]
 
     @cached_property
     def _space(self) -> StateSpace:
@@ -137,10 +154,24 @@ class SubMdp:
 
 
 def state_count(
-    goals: int, cells: int, fault_modes: int, threats: int = len(THREAT_LEVELS)
+    goals: int,
+    cells: int,
+    fault_modes: int,
+    threats: int = len(THREAT_LEVELS),
+    levels: int = 1,
 ) -> int:
-    """States of an MDP that tracks so many goals, cells, fault modes and threat levels."""
-    return fault_modes * 6**goals * cells * (goals + 1) * threats * 2
+    """States of an MDP that tracks so many goals, cells, fault modes, threat and charge levels."""
+    space = StateSpace(goals, cells, threats, levels)
+    return space.size // 8 * fault_modes
+
+
+def sub_mdp_states(
+    mission: Mission, goals: int, cells: int | None = None, fault_modes: int = 8
+) -> int:
+    """States of a sub-MDP of a mission with so many goals, in all its cells by default."""
+    cells = mission.grid.q if cells is None else cells
+    threats, levels = len(mission.threat.levels), mission.range.levels
+    return state_count(goals, cells, fault_modes, threats, levels)
 
 
 def whole_mission(mission: Mission) -> SubMdp:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from uav_mission_manager.cli.tasks import in_words, task_seconds
 from uav_mission_manager.mdp import Grid, Mission
 from uav_mission_manager.mdp.epoch import SECONDS_PER_MINUTE
-from uav_mission_manager.onboard.range_model import flight_range, required_ranges
+from uav_mission_manager.mdp.range_model import flight_range, required_ranges
 from uav_mission_manager.solver.evaluation.forecast import epoch_length
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from uav_mission_manager.goal_task import Waypoints
 from uav_mission_manager.mdp import Grid, Mission
 from uav_mission_manager.mdp.areas import Polygon
-from uav_mission_manager.onboard.range_model import flight_range
+from uav_mission_manager.mdp.range_model import flight_range
 
 Point = tuple[float, float]
 """East and north [m] from the centre of cell 0."""

@@ -11,7 +11,7 @@ from uav_mission_manager.cli.check.limits import LIMITS
 from uav_mission_manager.cli.check.probabilities import probability_findings
 from uav_mission_manager.cli.check.tasks_and_areas import area_findings, task_findings
 from uav_mission_manager.mdp import Mission
-from uav_mission_manager.onboard.range_model import endurance
+from uav_mission_manager.mdp.range_model import endurance
 
 
 def findings(mission: Mission) -> list[Finding]:

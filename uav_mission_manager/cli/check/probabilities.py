@@ -70,6 +70,8 @@ def _completion(mission: Mission) -> Iterator[Finding]:
 
 def _range(mission: Mission) -> Iterator[Finding]:
     loss = mission.range.loss
+    if loss is None:
+        return
     for mode in ('normal', 'agile'):
         if getattr(loss, mode) == 1:
             text = 'every goal is out of range after an epoch of flight: give the chance of one'

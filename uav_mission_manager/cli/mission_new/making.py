@@ -35,8 +35,9 @@ from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.likeness import nearest
 from uav_mission_manager.mdp import Grid, Mission, MissionError, mission_from_dict
 from uav_mission_manager.mdp.mission_file import MAX_FILE_BYTES
+from uav_mission_manager.mdp.range_model import flight_range, required_ranges
 from uav_mission_manager.mdp.strict_yaml import read_yaml
-from uav_mission_manager.onboard.range_model import FULL_CHARGE, flight_range, required_ranges
+from uav_mission_manager.onboard.range_model import FULL_CHARGE
 from uav_mission_manager.paths import file_content, write_whole
 
 DEFAULT_SPEED = 5.0

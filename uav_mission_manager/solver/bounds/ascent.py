@@ -1,7 +1,8 @@
 """Ascent on the costs that clusters of goals shift among each other.
 
 psi_i(y, a) is shifted between all clusters, psi_i(y, x_j, a) between those that share goal j, and
-psi_i(y, x_j, x_l, a) between those that share goals j and l; y = (l, t, f), x_j = (g_j, r_j). The
+psi_i(y, x_j, x_l, a) between those that share goals j and l; y = (l, t, z), see
+`uav_mission_manager.solver.reduced` for z and x_j. The
 sum of the clusters' V_i, averaged over states, is concave in psi, and greatest where clusters
 agree on how often what they share occurs: on their *occupancies* rho_i(y, a), rho_i(y, x_j, a),
 rho_i(y, x_j, x_l, a). With a soft minimum of temperature tau, adding tau log(rho_i / mean rho) to
@@ -27,7 +28,6 @@ from uav_mission_manager.solver.bounds.cluster_mdp import (
     Terms,
     swept_values,
 )
-from uav_mission_manager.solver.reduced import X_VALUES
 from uav_mission_manager.solver.submdp import SubMdp
 from uav_mission_manager.solver.threads import share
 
@@ -76,7 +76,7 @@ class Ascent:
 
     Attributes
     ----------
-    values, occupancies : list of float32 array (q, 6^n, 8 T)
+    values, occupancies : list of float32 array (q, X^n, Z T)
         In the end W is near its optimum under psi, see `settled`.
     mean : float
         Of all states, of the sum of the clusters' W under the even split.
@@ -104,8 +104,9 @@ class Ascent:
         return len(self.mdps) > 1 and self.warm * COOLING > np.finfo(np.float32).tiny / RARE
 
     def _zeros(self, goals: Goals) -> RealArray:
-        q, actions, rest = self.mdps[0].shape[0], self.mdps[0].axes[0], self.mdps[0].axes[-1]
-        return np.zeros((q, actions, *(X_VALUES,) * len(goals), rest), np.float32)
+        mdp = self.mdps[0]
+        values, (actions, *_, rest) = mdp.reduced.x_values, mdp.axes
+        return np.zeros((mdp.shape[0], actions, *(values,) * len(goals), rest), np.float32)
 
     def _start(self, cluster: int) -> RealArray:
         mdp = self.mdps[cluster]
@@ -223,7 +224,7 @@ def shared_goals(clusters: Sequence[Goals]) -> dict[Goals, list[int]]:
 
 
 def _marginals(q: RealArray, into: Terms, cell: int) -> None:
-    """Write the sums of a cell's table (A, 6, .., 6, 8 T) over all goals but some."""
+    """Write the sums of a cell's table (A, X, .., X, Z T) over all goals but some."""
     found: dict[Slots, RealArray] = {tuple(range(q.ndim - 2)): q}
     for slots in sorted(into, key=len, reverse=True):
         larger = min((other for other in found if set(slots) <= set(other)), key=len)

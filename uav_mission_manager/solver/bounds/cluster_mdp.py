@@ -1,13 +1,13 @@
 """A cluster of goals as an MDP of its own, computed cell by cell.
 
 A cluster is a sub-MDP with all 2k+4 actions and a share of the costs. Its W (see
-`uav_mission_manager.solver.reduced`) is a table over (q, 6^n, 8 T) for n goals and T threat
-levels: cell, x of the goals, x_j = 2 g_j + r_j, and (t, f). Actions with the same arrival share
-one expectation of (6^n, 8 T) entries, and all that is done with the Q of a cell, (A, 6^n, 8 T),
-is done while it is in the cache.
+`uav_mission_manager.solver.reduced`) is a table over (q, X^n, Z T) for n goals, with x_j of X
+values, Z conditions and T threat levels: cell, x of the goals, and (t, z). Actions with the same
+arrival share one expectation of (X^n, Z T) entries, and all that is done with the Q of a cell,
+(A, X^n, Z T), is done while it is in the cache.
 
 What an action costs is a sum of terms, each of which depends on few of the goals: h, the price of
-the threat and what f forbids on none, what a commitment saves on its own goal.
+the threat and what z forbids on none, what a commitment saves on its own goal.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from uav_mission_manager.mdp.arrays import FloatArray, IntArray, RealArray
-from uav_mission_manager.solver.reduced import X_VALUES, ReducedMission
+from uav_mission_manager.solver.reduced import ReducedMission
 from uav_mission_manager.solver.span_bounds import SpanBounds
 from uav_mission_manager.solver.submdp import SubMdp
 
 ROUNDINGS_A_BACKUP = 40
-"""Errors of one ulp of the largest number in a backup, at most, besides 8 T for t and f and 6^n
+"""Errors of one ulp of the largest number in a backup, at most, besides Z T for t and z and X^n
 for the x_j."""
 
 NO_SLOT = -1
@@ -33,7 +33,7 @@ Slots = tuple[int, ...]
 """Positions of some goals among those of a cluster, ascending."""
 
 Terms = dict[Slots, RealArray]
-"""Costs of actions that add up, (q, A, 6 or 1, .., 6 or 1, 8 T): 6 for goals they depend on."""
+"""Costs of actions that add up, (q, A, X or 1, .., X or 1, Z T): X for goals they depend on."""
 
 
 class Arrival(NamedTuple):
@@ -57,11 +57,11 @@ class ClusterMdp:
     Attributes
     ----------
     shape : tuple of int
-        Of a table over the cluster's states, (q, 6^n, 8 T).
+        Of a table over the cluster's states, (q, X^n, Z T).
     axes : tuple of int
-        Of a table over actions and the states of a cell, (A, 6, .., 6, 8 T).
-    state_costs : float array (6^n, 8 T)
-        What f and x cost, whatever is done.
+        Of a table over actions and the states of a cell, (A, X, .., X, Z T).
+    state_costs : float array (q or 1, X^n, Z T)
+        What z and x cost, whatever is done.
     terms : Terms
         What actions cost besides; inf where what the cluster sees does not allow them. Those of
         one goal hold the two actions that commit to it only, see `own`.
@@ -75,12 +75,12 @@ class ClusterMdp:
     def __init__(self, sub: SubMdp, dtype: DTypeLike, unit: float = 1.0) -> None:
         self.sub, self.dtype, self.n = sub, np.dtype(dtype), sub.n
         self.reduced = reduced = ReducedMission(sub)
-        self.shape = (reduced.q, X_VALUES**self.n, 8 * sub.threats)
-        self.axes = (len(sub.numbers), *(X_VALUES,) * self.n, self.shape[2])
+        values = reduced.x_values
+        self.shape = (reduced.q, values**self.n, reduced.z_values * sub.threats)
+        self.axes = (len(sub.numbers), *(values,) * self.n, self.shape[2])
         self.own = [np.flatnonzero(reduced.slots == slot) for slot in range(self.n)]
-        x = np.indices((X_VALUES,) * self.n).reshape(self.n, -1).T
-        goals = reduced.goal_costs[np.arange(self.n), x].sum(axis=1)
-        costs = goals[:, None] + np.tile(reduced.fault_costs, sub.threats)
+        x = np.indices((values,) * self.n).reshape(self.n, -1).T
+        costs = np.tile(reduced.own_costs(x).swapaxes(1, 2), sub.threats)
         self.state_costs = self._array(costs / unit)
         self.terms = {slots: self._array(term / unit) for slots, term in self._terms(x).items()}
         found = self._arrivals()
@@ -88,13 +88,14 @@ class ClusterMdp:
         numbers = {arrival: number for number, arrival in enumerate(self.arrivals)}
         self.leads = np.array([[numbers[arrival] for arrival in here] for here in found])
         self._merges = [self._merge(here) for here in self.leads]
-        self._exogenous = [self._threats_and_faults(arrival) for arrival in self.arrivals]
+        self._exogenous = self._threats_and_conditions()
         # The matrices of x, the largest by far, depend on the regime and the slot alone.
         matrices = self._matrices()
         self._goals = [matrices[to.regime, to.slot] for to in self.arrivals]
         self._completion = self._array(np.tile(reduced.completion, sub.threats))
         # Rows of transition matrices may sum to slightly more or less than 1.
-        self.defect = float(np.abs(reduced.goals.sum(axis=-1) - 1).max(axis=(0, 2)).sum())
+        of_goals = np.abs(reduced.goals.sum(axis=-1) - 1).max(axis=(0, 2)).sum()
+        self.defect = float(of_goals) + reduced.defect
 
     def _array(self, values: RealArray) -> RealArray:
         return values.astype(self.dtype)
@@ -102,14 +103,14 @@ class ClusterMdp:
     def _terms(self, x: IntArray) -> dict[Slots, FloatArray]:
         reduced, every = self.reduced, tuple(range(self.n))
         price = reduced.price[reduced.agile[:, None], reduced.landings].swapaxes(0, 1)
-        price = np.repeat(price, 8, axis=-1).reshape(self.term_shape(()))
+        price = np.repeat(price, reduced.z_values, axis=-1).reshape(self.term_shape(()))
         if self.n == self.sub.mission.k:  # Whether recharging is allowed depends on all goals.
             return {(): price, every: self._costs(x, every)}
         common = self._costs(np.zeros((1, self.n), int), ())
         common[:, np.concatenate(self.own)] = 0
         terms: dict[Slots, FloatArray] = {(): common + price}
         for slot in every:
-            alone = np.arange(X_VALUES)[:, None] * (np.arange(self.n) == slot)
+            alone = np.arange(reduced.x_values)[:, None] * (np.arange(self.n) == slot)
             terms[(slot,)] = self._costs(alone, (slot,))[:, self.own[slot]]
         return terms
 
@@ -120,7 +121,8 @@ class ClusterMdp:
 
     def term_shape(self, slots: Slots) -> tuple[int, ...]:
         """Shape of a term that depends on some goals."""
-        axes = (X_VALUES if slot in slots else 1 for slot in range(self.n))
+        values = self.reduced.x_values
+        axes = (values if slot in slots else 1 for slot in range(self.n))
         return (self.shape[0], self.axes[0], *axes, self.shape[2])
 
     def _arrivals(self) -> list[list[Arrival]]:
@@ -137,13 +139,19 @@ class ClusterMdp:
         numbers, positions = np.unique(leads, return_inverse=True)
         return numbers, self._array((np.arange(len(numbers))[:, None] == positions) * 1.0)
 
-    def _threats_and_faults(self, arrival: Arrival) -> RealArray:
-        """Discounted P(t', f' | t, f), (8 T, 8 T)."""
-        threat, faults = self.reduced.threat[arrival.cell], self.reduced.faults[arrival.regime]
-        return self._array(self.sub.mission.discount * np.kron(threat, faults))
+    def _threats_and_conditions(self) -> list[RealArray]:
+        """Discounted P(t', z' | t, z), (Z T, Z T), of each arrival; those alike once."""
+        reduced, found = self.reduced, dict[tuple[bytes, int], RealArray]()
+        discount = self.sub.mission.discount
+        keys = [(reduced.threat[to.cell].tobytes(), to.regime) for to in self.arrivals]
+        for key, arrival in zip(keys, self.arrivals):
+            if key not in found:
+                matrices = reduced.threat[arrival.cell], reduced.conditions[arrival.regime]
+                found[key] = self._array(discount * np.kron(*matrices))
+        return [found[key] for key in keys]
 
     def _matrices(self) -> dict[tuple[int, int], list[RealArray]]:
-        """P(x' | x), (6^n, 6^n), by regime and slot; with a slot also that if it is completed."""
+        """P(x' | x), (X^n, X^n), by regime and slot; with a slot also that if it is completed."""
         found = {}
         for regime, slot in {(arrival.regime, arrival.slot) for arrival in self.arrivals}:
             matrices = list(self.reduced.goals[regime])
@@ -154,7 +162,7 @@ class ClusterMdp:
         return found
 
     def ahead(self, values: RealArray) -> RealArray:
-        """Discounted E[W'] of each arrival, (arrivals, 6^n, 8 T), of W over (q, 6^n, 8 T)."""
+        """Discounted E[W'] of each arrival, (arrivals, X^n, Z T), of W over (q, X^n, Z T)."""
         ahead = np.empty((len(self.arrivals), *self.shape[1:]), self.dtype)
         for number, arrival in enumerate(self.arrivals):
             later = values[arrival.cell] @ self._exogenous[number].T
@@ -183,7 +191,7 @@ class ClusterMdp:
         return list(left.values())
 
     def q_values(self, cell: int, ahead: RealArray, costs: Sequence[RealArray]) -> RealArray:
-        """Discounted E[W'] of the actions in a cell plus what they cost, (A, 6, .., 8 T)."""
+        """Discounted E[W'] of the actions in a cell plus what they cost, (A, X, .., Z T)."""
         q = ahead.take(self.leads[cell], axis=0).reshape(self.axes)
         for cost in costs:
             q += cost[cell]
@@ -200,7 +208,7 @@ class ClusterMdp:
         return backup, SpanBounds(float(change.min()), float(change.max()), discount)
 
     def leave(self, cell: int, mass: RealArray, arrived: RealArray) -> None:
-        """Add the mass (A, 6, .., 8 T) on a cell's actions to their arrivals, shape as of `ahead`.
+        """Add the mass (A, X, .., Z T) on a cell's actions to their arrivals, shape as of `ahead`.
 
         With `settle` the adjoint of the expectation.
         """
@@ -208,7 +216,7 @@ class ClusterMdp:
         arrived[numbers] += (merge @ mass.reshape(len(mass), -1)).reshape(-1, *self.shape[1:])
 
     def settle(self, arrived: RealArray) -> RealArray:
-        """Discounted mass of the next states, (q, 6^n, 8 T), of mass on arrivals."""
+        """Discounted mass of the next states, (q, X^n, Z T), of mass on arrivals."""
         mass = np.zeros(self.shape, self.dtype)
         for number, arrival in enumerate(self.arrivals):
             goals, *completed = self._goals[number]
@@ -235,7 +243,7 @@ def swept_values(
 def proven_values(
     mdp: ClusterMdp, costs: Sequence[RealArray], values: RealArray, tolerance: float
 ) -> RealArray:
-    """Lower bound on a cluster's W, (q, 6^n, 8 T), by value iteration, rounding included.
+    """Lower bound on a cluster's W, (q, X^n, Z T), by value iteration, rounding included.
 
     Parameters
     ----------
@@ -243,7 +251,7 @@ def proven_values(
         In double precision.
     costs : sequence of float array
         See `ClusterMdp.costs`.
-    values : float array (q, 6^n, 8 T)
+    values : float array (q, X^n, Z T)
         Where to start.
     tolerance : float
         Largest distance from the upper bound, but for rounding.

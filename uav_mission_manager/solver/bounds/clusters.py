@@ -13,8 +13,8 @@ from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.solver import memory
 from uav_mission_manager.solver.bounds.ascent import Goals, shared_goals
 from uav_mission_manager.solver.decomposition.measures import Measures
-from uav_mission_manager.solver.reduced import X_VALUES, goal_order
-from uav_mission_manager.solver.submdp import state_count
+from uav_mission_manager.solver.reduced import goal_order
+from uav_mission_manager.solver.submdp import sub_mdp_states
 from uav_mission_manager.solver.threads import processors
 
 FEWEST_HORIZONS, MOST_HORIZONS = 6.0, 12.0
@@ -22,7 +22,7 @@ FEWEST_HORIZONS, MOST_HORIZONS = 6.0, 12.0
 Measured on the case study with ten goals and pairs: the second six bring the bound up by 0.7 %."""
 
 LARGEST_CLUSTER = 3
-"""Most goals of a cluster: (6^n)^2 numbers move the x of each arrival."""
+"""Most goals of a cluster: (X^n)^2 numbers move the x of each arrival, of X values each."""
 
 WORK_ENTRIES = 15_000_000_000
 """Most entries of all clusters' Q in all steps; on two processors some 4 ns an entry."""
@@ -43,7 +43,7 @@ def default_steps(mission: Mission, clusters: Sequence[Goals]) -> int:
 
 def _entries(mission: Mission, n: int) -> int:
     """Entries of the Q of a cluster of n goals."""
-    return _levels(mission) * (2 * mission.k + 4) * X_VALUES**n
+    return _levels(mission) * (2 * mission.k + 4) * (3 * mission.range.flag_values) ** n
 
 
 def covering(mission: Mission, max_states: int) -> list[Goals]:
@@ -59,9 +59,8 @@ def covering(mission: Mission, max_states: int) -> list[Goals]:
     ValueError
         If the sub-MDP of one goal has more than T_max states.
     """
-    k, q, order = mission.k, mission.grid.q, goal_order(mission)
-    threats = len(mission.threat.levels)
-    if state_count(1, q, 8, threats) > max_states:
+    k, order = mission.k, goal_order(mission)
+    if sub_mdp_states(mission, 1) > max_states:
         raise ValueError(f'no goal has a sub-MDP of at most T_max = {max_states:,} states')
     coupling = Measures(mission).coupling[np.ix_(order, order)]
     for n in range(min(LARGEST_CLUSTER, k), 0, -1):
@@ -69,7 +68,7 @@ def covering(mission: Mission, max_states: int) -> list[Goals]:
         count = min(int(WORK_ENTRIES / work), math.comb(k, n))
         if n == 1:
             return [(j,) for j in range(k)]
-        if state_count(n, q, 8, threats) <= max_states and count >= min(k, math.comb(k, n)):
+        if sub_mdp_states(mission, n) <= max_states and count >= min(k, math.comb(k, n)):
             break
     chosen = _spread(coupling, n, count)
     return [tuple(sorted(order[j] for j in cluster)) for cluster in chosen]
@@ -95,17 +94,18 @@ def _spread(coupling: FloatArray, n: int, count: int) -> list[Goals]:
 
 
 def _levels(mission: Mission) -> int:
-    """Values of (l, t, f)."""
-    return mission.grid.q * len(mission.threat.levels) * 8
+    """Values of (l, t, z)."""
+    return mission.grid.q * len(mission.threat.levels) * 8 * mission.range.levels
 
 
 def bound_bytes(mission: Mission, clusters: Sequence[Goals]) -> int:
     """Estimate the memory that a lower bound from these clusters needs, in bytes."""
-    levels, actions = _levels(mission), 2 * mission.k + 4
+    levels, actions, values = _levels(mission), 2 * mission.k + 4, 3 * mission.range.flag_values
     shared = shared_goals(clusters)
-    size = {goals: levels * actions * X_VALUES ** len(goals) for goals in shared}
-    tables = [levels * X_VALUES ** len(goals) for goals in clusters]
-    moves = sum(11 * X_VALUES ** (2 * len(goals)) for goals in clusters)
+    size = {goals: levels * actions * values ** len(goals) for goals in shared}
+    tables = [levels * values ** len(goals) for goals in clusters]
+    moves = sum(11 * values ** (2 * len(goals)) for goals in clusters)
+    moves += len(clusters) * 11 * (levels // mission.grid.q) ** 2
     psi = sum(size[goals] * (len(holders) + 1) for goals, holders in shared.items())
     largest = sum(sorted(size.values())[-7:]) or max(tables) * actions
     working = processors() * (2 * LARGE_TABLES * largest + 8 * max(tables))

@@ -29,7 +29,7 @@ from uav_mission_manager.solver.bounds.ascent import Ascent, each
 from uav_mission_manager.solver.bounds.cluster_mdp import ClusterMdp, Terms, proven_values
 from uav_mission_manager.solver.bounds.clusters import check_bound_memory, default_steps
 from uav_mission_manager.solver.progress import Progress, Report, ignore
-from uav_mission_manager.solver.reduced import X_VALUES, ReducedMission
+from uav_mission_manager.solver.reduced import ReducedMission
 from uav_mission_manager.solver.submdp import shared_sub_mdps, whole_mission
 from uav_mission_manager.solver.threads import processors, single_threaded_blas
 
@@ -52,8 +52,9 @@ class LowerBound:
     mission : Mission
     clusters : int array (C, n)
         Goals of each cluster, from 0, ascending.
-    tables : float32 or float64 array (C, q, T, 8, 6, .., 6)
-        Lower bounds on each cluster's W over l, t, f and its x_j = 2 g_j + r_j, so
+    tables : float32 or float64 array (C, q, T, Z, X, .., X)
+        Lower bounds on each cluster's W over l, t, z and its x_j (see
+        `uav_mission_manager.solver.reduced`), so
         V*(s) >= p(t, m) - [c > 0] eta_c g_c r_c + sum of the clusters' W.
     """
 
@@ -68,7 +69,7 @@ class LowerBound:
     def sums(self, states: IntArray) -> FloatArray:
         """Return the same before it is raised to 0, below which no cost is."""
         s, x = self._whole.split(states), self._whole.x(states)
-        shared = (part[:, None] for part in (s.l, s.t, s.f - 1))
+        shared = (part[:, None] for part in (s.l, s.t, self._whole.z(states)))
         own = (x[:, column] for column in self.clusters.T)
         entries = self.tables[(np.arange(len(self.clusters)), *shared, *own)]
         return np.asarray(self._whole.mode_costs(states) + entries.sum(axis=1, dtype=float))
@@ -174,7 +175,7 @@ def _power_of_two(value: float) -> float:
 
 
 def _proven(ascent: Ascent, cluster: int, psi: Terms, tolerance: float) -> RealArray:
-    """Lower bound on a cluster's W under psi, (q, 6^n, 8 T)."""
+    """Lower bound on a cluster's W under psi, (q, X^n, Z T)."""
     mdp = ClusterMdp(ascent.mdps[cluster].sub, np.float64)
     allowed = tolerance * ascent.unit * ascent.mean / len(ascent.mdps)
     return proven_values(mdp, mdp.costs(psi), ascent.settled(cluster, allowed), allowed)
@@ -186,9 +187,10 @@ def _mean(tables: Sequence[RealArray]) -> float:
 
 
 def _rounded_down(mission: Mission, members: IndexArray, tables: FloatArray) -> LowerBound:
-    """The bound from W (C, q, 6^n, 8 T), in single precision where that costs little."""
-    tables = tables.reshape(*tables.shape[:3], -1, 8).transpose(0, 1, 3, 4, 2)
-    axes = (*tables.shape[:4], *(X_VALUES,) * members.shape[1])
+    """The bound from W (C, q, X^n, Z T), in single precision where that costs little."""
+    conditions, values = 8 * mission.range.levels, 3 * mission.range.flag_values
+    tables = tables.reshape(*tables.shape[:3], -1, conditions).transpose(0, 1, 3, 4, 2)
+    axes = (*tables.shape[:4], *(values,) * members.shape[1])
     with np.errstate(over='ignore'):
         rounded = tables.astype(np.float32)
         rounded = np.where(rounded > tables, np.nextafter(rounded, np.float32(-np.inf)), rounded)

@@ -24,7 +24,7 @@ from uav_mission_manager.mdp.grid import Grid
 from uav_mission_manager.mdp.mission import FAULT_MODES, Mission
 from uav_mission_manager.solver.decomposition.measures import Measures
 from uav_mission_manager.solver.decomposition.plan import Part, Plan, first_part
-from uav_mission_manager.solver.submdp import state_count
+from uav_mission_manager.solver.submdp import sub_mdp_states
 
 ALL_FAULT_MODES = tuple(range(1, len(FAULT_MODES) + 1))
 """f = 1..8."""
@@ -99,7 +99,6 @@ class _Candidates:
         self, mission: Mission, max_states: int, weights: Sequence[float], merge_score: float
     ) -> None:
         self.mission, self.max_states = mission, max_states
-        self.threats = len(mission.threat.levels)
         self.weights, self.merge_score = weights, merge_score
         self.measures = Measures(mission)
         self.goals, self.cells = tuple(range(mission.k)), tuple(range(mission.grid.q))
@@ -142,7 +141,7 @@ class _Candidates:
 
     def _room(self, modes: int) -> int:
         """Cells of the largest block with so many fault modes."""
-        return self.max_states // state_count(len(self.goals), 1, modes, self.threats)
+        return self.max_states // sub_mdp_states(self.mission, len(self.goals), 1, modes)
 
     def _count(self, modes: int) -> float:
         """Number of blocks with so many fault modes."""
@@ -178,7 +177,7 @@ class _Candidates:
             round(measure, RANKING_DECIMALS) for measure in measured
         )
         judged = zip(self.weights, (impact, coherence, sensitivity))
-        states = state_count(len(goals), len(cells), len(faults), self.threats)
+        states = sub_mdp_states(self.mission, len(goals), len(cells), len(faults))
         return Part(
             kind=kind,
             goals=goals,
@@ -229,9 +228,7 @@ def _check(
 
 def _largest_cluster(mission: Mission, max_states: int) -> int:
     """Goals of the largest cluster that fits, 0 if none does."""
-    q, threats = mission.grid.q, len(mission.threat.levels)
-    fits = (state_count(n, q, 8, threats) <= max_states for n in range(1, mission.k + 1))
-    return sum(fits)
+    return sum(sub_mdp_states(mission, n) <= max_states for n in range(1, mission.k + 1))
 
 
 def _regions(grid: Grid, room: int) -> list[tuple[int, ...]]:

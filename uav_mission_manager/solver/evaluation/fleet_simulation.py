@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uav_mission_manager.mdp.arrays import FloatArray, IntArray
+from uav_mission_manager.mdp.charge import RangeFlags
 from uav_mission_manager.mdp.cost import commitment_savings, goal_costs
 from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.solver.evaluation.simulation import Simulator
@@ -28,6 +29,7 @@ class FleetSimulator:
     def __init__(self, mission: Mission) -> None:
         self.mission = mission
         self._uav = Simulator(mission)
+        self._flags = RangeFlags(mission)
         self._savings = commitment_savings(mission)
         # What a goal costs where g_j = 0, range lost, is each UAV's own cost.
         costs = goal_costs(mission)
@@ -40,7 +42,8 @@ class FleetSimulator:
         own.g[:] = 0
         goals = np.arange(self.mission.k)
         committed = s.c[..., None] == goals + 1
-        g, reached, covered = s.g[:, 0], s.r.max(axis=1), (s.r * committed).max(axis=1)
+        r = self._flags(s)
+        g, reached, covered = s.g[:, 0], r.max(axis=1), (r * committed).max(axis=1)
         shared = self._shared[goals, g, reached] - self._savings[goals, g, covered]
         uavs = self._uav.costs(_rows(alone), actions.ravel()).reshape(actions.shape)
         return np.asarray(shared.sum(axis=1) + uavs.sum(axis=1))

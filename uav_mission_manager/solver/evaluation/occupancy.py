@@ -13,21 +13,21 @@ from uav_mission_manager.solver.evaluation.simulation import Simulator
 
 
 def start_state(mission: Mission) -> IntArray:
-    """At base, all goals at high priority and in range, no fault, no threat: (1, 2k+5)."""
-    k = mission.k
-    return np.array([[1, *[1] * k, *[2] * k, mission.grid.base, 0, 0, 0]])
+    """At base, charged, all goals at high priority, no fault, no threat: (1, 2k+5)."""
+    charged = StateSpace.of(mission).charged
+    return np.array([[1, *charged, *[2] * mission.k, mission.grid.base, 0, 0, 0]])
 
 
 def starts_at_base(mission: Mission, count: int, rng: np.random.Generator) -> IntArray:
     """States at the start of a flight, shape (count, 2k+5).
 
-    At base, nominal, every goal in range, no commitment, no threat, normal mode; priorities are
+    At base, nominal, charged, no commitment, no threat, normal mode; priorities are
     drawn evenly.
     """
     space = StateSpace.of(mission)
     states = np.zeros((count, len(space.shape)), np.int64)
     s = space.split(states)
-    s.f[:], s.r[:], s.l[:] = 1, 1, mission.grid.base
+    s.f[:], s.r[:], s.b[:], s.l[:] = 1, 1, space.levels - 1, mission.grid.base
     s.g[:] = rng.integers(0, 3, s.g.shape)
     return states
 

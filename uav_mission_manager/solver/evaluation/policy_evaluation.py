@@ -61,13 +61,15 @@ def representatives(sub: SubMdp, entries: ArrayLike | None = None) -> IntArray:
     """
     n, q = sub.n, sub.mission.grid.q
     chosen = np.arange(sub.entries) if entries is None else np.asarray(entries)
-    digits = np.unravel_index(chosen, (q, sub.threats, *(3,) * n, 8, *(2,) * n))
-    cell, t, g, f, r = digits[0], digits[1], digits[2 : 2 + n], digits[2 + n], digits[3 + n :]
+    digits = np.unravel_index(chosen, (q, sub.threats, *(3,) * n, 8, *sub.ranges))
+    cell, t, g, f, ranges = digits[0], digits[1], digits[2 : 2 + n], digits[2 + n], digits[3 + n :]
     space = StateSpace.of(sub.mission)
     states = np.zeros((len(chosen), len(space.shape)), np.int64)
     s = space.split(states)
-    for j, flags, levels in zip(sub.goals, r, g):
-        s.r[:, j], s.g[:, j] = flags, levels
+    for j, levels in zip(sub.goals, g):
+        s.g[:, j] = levels
+    for column, values in zip(sub.range_columns, ranges):
+        states[:, column] = values
     s.f[:], s.l[:], s.t[:] = f + 1, cell, t
     return states
 

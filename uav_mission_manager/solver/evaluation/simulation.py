@@ -113,6 +113,7 @@ class Simulator:
         self._completion = dynamics.completion_probabilities(mission)
         self._faults = _cumulative(dynamics.fault_matrices(mission))
         self._ranges = _cumulative(dynamics.range_matrices(mission))
+        self._charge = _cumulative(dynamics.charge_matrices(mission))
         self._priorities = _cumulative(dynamics.priority_matrices(mission))
         self._threat = _cumulative(dynamics.threat_matrices(mission))
 
@@ -158,6 +159,7 @@ class Simulator:
         completing &= self._may_complete[a, s.l]
         to.f[:] = _draw(self._faults[regime, s.f - 1], rng) + 1
         to.r[:] = _draw(self._ranges[regime[:, None], s.r], rng)
+        to.b[:] = _draw(self._charge[regime[:, None], s.b], rng)
         to.l[:] = self._landings[a, s.l]
         to.c[:] = np.where(completing, 0, self._commitment[a])
         to.t[:] = _draw(self._threat[to.l, s.t], rng)

@@ -1,7 +1,8 @@
 """The reduced mission as arrays along the axes of W, for backups of the whole of it.
 
 W (see `uav_mission_manager.solver.reduced`) has the axes (cell, (t, g), (f, r)) and the shape
-(q, T * 3^n, 8 * 2^n) for T threat levels. An expectation is one small matrix an axis; a transition
+(q, T * 3^n, 8 * 2^n) for T threat levels; a charge of B levels has (f, b) for (f, r), and B for
+2^n. An expectation is one small matrix an axis; a transition
 matrix over states never exists. Where an action leads is one of 2q + 3 + 2n *arrivals*:
 
 - in cell l' after normal flight, then in l' after agile flight;
@@ -11,6 +12,7 @@ matrix over states never exists. Where an action leads is one of 2q + 3 + 2n *ar
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -22,16 +24,21 @@ from uav_mission_manager.mdp.actions import Action
 from uav_mission_manager.mdp.arrays import FloatArray, IndexArray, IntArray, RealArray
 from uav_mission_manager.mdp.dynamics import (
     ON_GROUND,
+    completion_probabilities,
+    drain_probabilities,
     failure_probabilities,
     priority_matrices,
     range_loss_probabilities,
+    recharged_levels,
 )
+from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.solver.reduced import ReducedMission
 from uav_mission_manager.solver.submdp import SubMdp
 
-ROUNDINGS_A_GOAL, ROUNDINGS_A_THREAT, OTHER_ROUNDINGS = 12, 2, 38
+ROUNDINGS_A_GOAL, ROUNDINGS_A_THREAT, ROUNDINGS_A_DRAIN, OTHER_ROUNDINGS = 12, 2, 2, 38
 """Errors of half an ulp of the largest entry in one backup, at most: 2 T - 1 for t, 4 for each
-g_j, 8 for each r_j, each part that fails and completion, 7 for costs, change and shift."""
+g_j, 8 for each r_j, each part that fails and completion, 2 for each number of levels that may be
+drained, 7 for costs, change and shift."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +54,8 @@ class Choice:
         Goal tracked whose priority the cost below depends on.
     levels : slice
         Priorities of that goal outside which it is allowed nowhere.
-    cost : float array (q, 3, 8 * 2^n)
-        `ReducedMission.action_costs` over that priority; (q, 1, 8 * 2^n) where there is no such
+    cost : float array (q, 3, columns)
+        `ReducedMission.action_costs` over that priority; (q, 1, columns) where there is no such
         goal.
     """
 
@@ -76,13 +83,17 @@ class AxisModel:
         P(g_j' | g_j).
     failures : float array (3, 2)
         Failure probability of camera, actuator and sensor in normal and agile flight.
-    loss : float array (2,)
-        P(r_j: 1 -> 0) in flight.
+    losses : list of float array (2,)
+        P(r_j: 1 -> 0) in flight, of each range flag that is a variable.
+    drain : float array (2, D)
+        P(d levels of the charge are drained) in flight, of d = 0..D-1; (2, 0) without a charge.
+    recharged : int array (columns / 8,)
+        (r) or (b) after an epoch of recharging, of that before.
     repair : float array ()
         P(f' = 1) of a repair.
     completion : float array (8,)
-    base_cost : float array (3^n, 8 * 2^n)
-        What f, r and g cost, as if uncommitted.
+    base_cost : float array (1, 3^n, columns)
+        What f, r and g cost, as if uncommitted; (q, 3^n, columns) with a charge, for r_j(b, l).
     choices : tuple of Choice
     """
 
@@ -97,11 +108,22 @@ class AxisModel:
         matrices = priority_matrices(mission)
         self.priorities = [self._array(matrices[j][None]) for j in sub.goals]
         self.failures = self._array(failure_probabilities(mission)[:, ::-1].T)
-        self.loss = self._array(range_loss_probabilities(mission))
+        self._range_axes(mission)
         self.repair = self._array(mission.faults.repair_success)
-        self.completion = self._array(reduced.completion)
+        self.completion = self._array(completion_probabilities(mission))
         self.base_cost = self._base_cost()
         self.choices = self._choices()
+
+    def _range_axes(self, mission: Mission) -> None:
+        """Set `losses`, `drain` and `recharged`."""
+        if mission.range.charge is None:
+            self.losses = [self._array(range_loss_probabilities(mission))] * self.sub.n
+            self.drain = self._array(np.empty((2, 0)))
+            self.recharged = np.full(2**self.sub.n, 2**self.sub.n - 1)
+            return
+        self.losses, drain = [], drain_probabilities(mission)
+        self.drain = self._array(drain[:, : np.flatnonzero(drain.any(axis=0))[-1] + 1])
+        self.recharged = recharged_levels(mission)
 
     @property
     def arrivals(self) -> int:
@@ -116,7 +138,7 @@ class AxisModel:
         """Bound on what rounding adds to one backup of W."""
         largest = max(-float(values.min()), float(values.max())) + self._largest_costs
         of_axes = ROUNDINGS_A_GOAL * self.sub.n + ROUNDINGS_A_THREAT * self.sub.threats
-        roundings = of_axes + OTHER_ROUNDINGS
+        roundings = of_axes + ROUNDINGS_A_DRAIN * self.drain.shape[1] + OTHER_ROUNDINGS
         return 1.01 * roundings * float(np.finfo(self.dtype).eps) / 2 * largest
 
     @cached_property
@@ -128,19 +150,31 @@ class AxisModel:
         return np.array(values, dtype=self.dtype)
 
     def _base_cost(self) -> RealArray:
+        n, tables = self.sub.n, self.reduced.level_costs
+        flags, width = self._flags(), self.columns // 8
+        cost = np.zeros((tables.shape[1], 3**n, 8, width)) + self.sub.fault_costs[:, None]
+        priorities = np.indices((3,) * n).reshape(n, 3**n)
+        for table, r, g in zip(tables, flags, priorities):
+            x = (self._flag_values * g[:, None] + r).T
+            own = table[..., x].transpose(0, 3, 1, 2)
+            cost += own.reshape(len(table), -1, 1, width)
+        return self._array(cost.reshape(len(cost), 3**n, self.columns))
+
+    def _flags(self) -> IntArray:
+        """r_j of each goal tracked over the values of the range flags that are variables."""
         n = self.sub.n
-        cost = np.zeros((3**n, 8, 2**n)) + self.reduced.fault_costs[:, None]
-        flags, levels = (np.indices((size,) * n).reshape(n, size**n) for size in (2, 3))
-        for goal_cost, r, g in zip(self.sub.goal_costs, flags, levels):
-            cost += goal_cost[g][:, r][:, None]
-        return self._array(cost.reshape(3**n, self.columns))
+        return np.indices((self._flag_values,) * n).reshape(n, self._flag_values**n)
+
+    @property
+    def _flag_values(self) -> int:
+        return self.sub.mission.range.flag_values
 
     def _choices(self) -> tuple[Choice, ...]:
-        n = self.sub.n
-        flags = np.indices((2,) * n).reshape(n, 2**n)
+        flags, reduced = self._flags(), self.reduced
         # An action looks at the priority of its own goal only, so all may have the same one.
-        x = (2 * np.arange(3)[:, None, None] + flags.T).reshape(3 * 2**n, n)
-        costs = self.reduced.action_costs(np.arange(self.q), x).reshape(-1, self.q, 8, 3, 2**n)
+        x = self._flag_values * np.arange(3)[:, None, None] + flags.T
+        costs = reduced.action_costs(np.arange(self.q), x.reshape(3 * len(flags.T), self.sub.n))
+        costs = costs.reshape(-1, self.q, reduced.z_values, 3, flags.shape[1])
         costs = costs.swapaxes(2, 3).reshape(-1, self.q, 3, self.columns)
         choices = []
         for a, action in enumerate(self.sub.actions):
@@ -160,15 +194,17 @@ class AxisModel:
 
     def locate(self, states: IntArray) -> tuple[IntArray, IntArray, IntArray]:
         """Indices (cell, row, column) into W of global states (N, 2k+5), each of shape (N,)."""
-        s, (by_level, by_flag) = self.reduced.split(states), self._weights
-        r, g = self.sub.flags_and_priorities(states)
-        return s.l, s.t * by_level[0] + g @ by_level[1:], (s.f - 1) * by_flag[0] + r @ by_flag[1:]
+        s, (by_level, by_range) = self.reduced.split(states), self._weights
+        ranges, g = self.sub.range_values(states), self.sub.priorities(states)
+        column = (s.f - 1) * by_range[0] + ranges @ by_range[1:]
+        return s.l, s.t * by_level[0] + g @ by_level[1:], column
 
     @cached_property
     def _weights(self) -> tuple[IntArray, IntArray]:
-        """What t and each g_j count for in a row, and f and each r_j in a column."""
-        digits = np.arange(self.sub.n, -1, -1)
-        return 3**digits, 2**digits
+        """What t and each g_j count for in a row, and f and each r_j, or b, in a column."""
+        ranges = self.sub.ranges
+        after = [math.prod(ranges[place:]) for place in range(len(ranges) + 1)]
+        return 3 ** np.arange(self.sub.n, -1, -1), np.array(after)
 
     def state_values(self, values: RealArray, states: IntArray) -> FloatArray:
         """V(s) of global states, shape (N,)."""

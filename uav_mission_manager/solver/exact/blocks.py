@@ -23,7 +23,7 @@ import numpy as np
 
 from uav_mission_manager.mdp.arrays import IndexArray, RealArray
 from uav_mission_manager.mdp.dynamics import ON_GROUND, Regime
-from uav_mission_manager.solver.axes import drift, mix, run_steps
+from uav_mission_manager.solver.axes import drift, fall, mix, run_steps
 from uav_mission_manager.solver.exact.axis_model import AxisModel, Choice
 from uav_mission_manager.solver.exact.value_iteration import Solution
 from uav_mission_manager.solver.progress import Progress, Report, ignore, share_of_decades
@@ -109,9 +109,10 @@ class _Block:
         for landing, users in self._users().items():
             for position in self._completable(users):
                 self._arrive(least, landing, position, users)
-        base_cost = self.model.base_cost[:, self.columns]
+        base_costs = self.model.base_cost
         low, high = math.inf, -math.inf
         for cell, values in zip(self.cells, least):
+            base_cost = base_costs[cell % len(base_costs)][:, self.columns]
             values.reshape(-1, *base_cost.shape)[...] += base_cost
             change = values - self.table[cell][:, self.columns]
             low, high = min(low, float(change.min())), max(high, float(change.max()))
@@ -168,10 +169,15 @@ class _Block:
             some = self.reached[first : first + len(self.modes)]
             values = self._exogenous(cell, some, completed)
             flights = flights + [_expect(values, risks[None, :, some]) for risks in self.risks]
-        for flight, loss in zip(flights, model.loss):
-            for digit in range(model.sub.n):
+        for mode, flight in enumerate(flights):
+            for digit, loss in enumerate(model.losses):
                 flags = flight.reshape(-1, 2, 2**digit)
-                run_steps(drift(flags[:, 1], flags[:, 0], loss, np.empty_like(flags[:, 1])))
+                away = np.empty_like(flags[:, 1])
+                run_steps(drift(flags[:, 1], flags[:, 0], loss[mode], away))
+            if model.drain.size:
+                scratch = np.empty((2, 1, *flight.reshape(-1, flight.shape[-1]).shape))
+                levels = flight.reshape(scratch.shape[1:])
+                run_steps(fall(levels, model.drain[mode : mode + 1], *scratch))
         tables = dict(zip((Regime.NORMAL_FLIGHT, Regime.AGILE_FLIGHT), flights))
         if completed is None and cell in (grid.base, grid.service):
             tables.update(self._ground(cell))
@@ -186,7 +192,7 @@ class _Block:
         nominal = self._exogenous(cell, np.zeros(1, np.intp), None)
         repaired = here.copy()
         run_steps(drift(repaired, nominal, self.model.repair, np.empty_like(here)))
-        recharged = np.repeat(here[:, :, -1:], here.shape[2], axis=2)
+        recharged = here.take(self.model.recharged, axis=2)
         return dict(zip(ON_GROUND, (here, recharged, repaired)))
 
     def _exogenous(self, cell: int, modes: IndexArray, completed: int | None) -> RealArray:

@@ -14,7 +14,7 @@ import numpy as np
 
 from uav_mission_manager.mdp.arrays import RealArray
 from uav_mission_manager.mdp.dynamics import ON_GROUND
-from uav_mission_manager.solver.axes import ArrayStep, drift, mix
+from uav_mission_manager.solver.axes import ArrayStep, drift, fall, mix
 from uav_mission_manager.solver.exact.axis_model import AxisModel, hull
 
 
@@ -148,10 +148,10 @@ class ArrivalExpectation:
         return before * self.after[slot] + after % self.after[slot]
 
     def _flight(self) -> list[ArrayStep]:
-        """Expectation over each bit of f' (camera, actuator, sensor) and each r_j' in flight."""
+        """Expectation over each bit of f' (camera, actuator, sensor), and each r_j' or b'."""
         model = self.model
         room = np.empty(self.flight.size // 2, model.dtype)
-        digits = [(p, 0) for p in model.failures] + [(model.loss, 1)] * model.sub.n
+        digits = [(p, 0) for p in model.failures] + [(loss, 1) for loss in model.losses]
         alike: list[ArrayStep] = []
         different: list[ArrayStep] = []
         for digit, (probability, leaves) in enumerate(digits):
@@ -162,6 +162,12 @@ class ArrivalExpectation:
             scratch = room[: values.size].reshape(values.shape)
             weights = probability[: len(flight), None, None]
             (alike if same else different).extend(drift(values, towards, weights, scratch))
+        if model.drain.size:
+            same = np.array_equal(*model.drain)
+            modes = 1 if same else 2
+            levels = self.flight[:modes].reshape(modes, 8, model.columns // 8, -1)
+            scratch = np.empty((2, *levels.shape), model.dtype)
+            (alike if same else different).extend(fall(levels, model.drain[:modes], *scratch))
         return [*alike, (np.copyto, (self.flight[1], self.flight[0])), *different]
 
     def _ground(self, source: RealArray, price: RealArray) -> list[ArrayStep]:
@@ -173,7 +179,7 @@ class ArrivalExpectation:
         recharged, repaired = (table.reshape(faults.shape) for table in serviced)
         return [
             (np.add, (source[grid.base], price[grid.base], parked)),
-            (np.copyto, (recharged, faults[:, :, -1:])),
+            (faults.take, (model.recharged, 2, recharged, 'clip')),
             (np.copyto, (repaired, faults)),
             *drift(repaired, faults[:, :1], model.repair, np.empty_like(faults)),
             *((np.add, (table, price[grid.service], table)) for table in serviced),

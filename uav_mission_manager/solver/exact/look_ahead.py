@@ -61,7 +61,7 @@ class LookAhead:
             expected = self.table[self.arrivals[:, cell].T, row[:, None], column[:, None]]
         levels = np.zeros((len(states), len(self.slots)), dtype=np.intp)
         if model.sub.n:
-            levels = model.sub.flags_and_priorities(states)[1][:, self.slots]
+            levels = model.sub.priorities(states)[:, self.slots]
         actions = np.arange(len(self.slots))
         costs = self.costs[actions, cell[:, None], levels, column[:, None]]
         return model.reduced.state_costs(states)[:, None] + (costs + expected)
@@ -88,7 +88,7 @@ class _Successors:
     def __init__(self, model: AxisModel, values: RealArray, row: int, column: int) -> None:
         n, self.width = model.sub.n, model.columns // 8
         self.model, self.values, self.column = model, values, column
-        self.fault, flags = divmod(column, self.width)
+        self.fault, ranges = divmod(column, self.width)
         self.threat, levels = divmod(row, model.rows // model.sub.threats)
         self.priorities = [
             matrix[0, levels // 3**digit % 3]
@@ -96,14 +96,21 @@ class _Successors:
         ]
         # Bits of f - 1 from the slowest: camera, actuator, sensor.
         bits = [self.fault >> bit & 1 for bit in (2, 1, 0)]
-        lost = [1 - (flags >> digit & 1) for digit in range(n)[::-1]]
         self.flights = []
-        for mode, loss in enumerate(model.loss):
+        for mode in (0, 1):
             risks = model.failures[:, mode]
             axes = [[1 - p, p] if not bit else [0, 1] for bit, p in zip(bits, risks)]
-            axes += [[1, 0] if gone else [loss, 1 - loss] for gone in lost]
-            self.flights.append(_product(axes))
+            self.flights.append(_product([*axes, *self._ranges(mode, ranges)]))
         self.by_column: dict[tuple[int, int | None], RealArray] = {}
+
+    def _ranges(self, mode: int, ranges: int) -> list[ArrayLike]:
+        """Probabilities of each r_j', or of b', in flight from the value of all r_j, or of b."""
+        losses, drain = self.model.losses, self.model.drain[mode]
+        if not drain.size:
+            lost = [1 - (ranges >> digit & 1) for digit in range(len(losses))[::-1]]
+            return [[1, 0] if gone else [p[mode], 1 - p[mode]] for gone, p in zip(lost, losses)]
+        after = np.maximum(ranges - np.arange(drain.size), 0)
+        return [np.bincount(after, drain, minlength=self.width)]
 
     def expected(self, arrival: int) -> float:
         """E on an arrival, numbered as in `AxisModel`."""
@@ -126,7 +133,8 @@ class _Successors:
         cell = grid.base if position == 0 else grid.service
         price, table = float(model.price[0, cell, self.threat]), self._exogenous(cell, None)
         if position == 1:
-            return price + float(table[(self.fault + 1) * self.width - 1])
+            ranges = self.model.recharged[self.column % self.width]
+            return price + float(table[self.fault * self.width + ranges])
         here = float(table[self.column])
         if position == 2:
             repaired = float(table[self.column % self.width])

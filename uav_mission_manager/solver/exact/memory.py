@@ -18,7 +18,8 @@ def needed_bytes(sub: SubMdp, dtype: DTypeLike, threads: int) -> int:
     q, rows, columns = sub.shape
     costs = 3 * (len(sub.numbers) + 1) * q * columns
     block = max(2 * MAX_BLOCK_ENTRIES, q * columns)
-    base_costs = rows // sub.threats * columns
+    differing = q if sub.mission.range.charge else 1
+    base_costs = differing * rows // sub.threats * columns
     entries = 2 * sub.entries + sub.n * rows // 3 * columns + base_costs + costs
     return int((entries + threads * SCRATCH_TABLES * block) * np.dtype(dtype).itemsize)
 

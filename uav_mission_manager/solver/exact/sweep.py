@@ -130,10 +130,10 @@ class RowBackup:
     def _base_cost(self, first: int) -> RealArray:
         """Rows of b, to add to (cells, rows, columns)."""
         cost = self.model.base_cost
-        if self.rows > len(cost):
-            return np.concatenate([cost] * self.model.sub.threats)
-        start = first % len(cost)
-        return cost[start : start + self.rows]
+        if self.rows > cost.shape[1]:
+            return np.concatenate([cost] * self.model.sub.threats, axis=1)
+        start = first % cost.shape[1]
+        return cost[:, start : start + self.rows]
 
     def _candidate(self, choice: Choice) -> _Candidate:
         model, slot = self.model, choice.slot

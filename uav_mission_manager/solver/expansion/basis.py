@@ -1,12 +1,14 @@
 """Functions of all goals as products of functions of a few goals each.
 
-A feature is a product over the goals of a cluster T of one function of each x_j = 2 g_j + r_j.
+A feature is a product over the goals of a cluster T of one function of each x_j = 2 g_j + r_j, or
+x_j = g_j where the mission has a charge.
 Given the regime of an epoch, the x_j move independently, so that the expectation of a feature is
 the product of the expectations: E[prod b(x_j')] = prod E[b(x_j')].
 
 Five functions and the constant tell all six x_j apart. The first three ask what matters most, each
 with two answers: whether the goal is in range, whether it is wanted in range, whether it is
-wanted. The other two are *fine*. `RANKS` counts what a function asks beyond the first two, and a
+wanted. The other two are *fine*. Of three x_j = g_j, one function asks whether the goal is wanted,
+and one is fine. `RANKS` counts what a function asks beyond the first two, and a
 feature is the more detailed the higher the sum of its factors' ranks. With i fine factors of n it
 is made of functions on sub-MDPs in which i of the goals take six values and the others two. So
 features of three goals with one fine factor are made of sub-MDPs smaller than that of two goals
@@ -27,16 +29,12 @@ from numpy.typing import DTypeLike
 from uav_mission_manager.mdp.arrays import FloatArray, IndexArray, IntArray, RealArray
 from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.solver.decomposition.measures import Measures
-from uav_mission_manager.solver.reduced import (
-    X_PRIORITY,
-    X_RANGE,
-    X_VALUES,
-    ReducedMission,
-)
+from uav_mission_manager.solver.reduced import ReducedMission
+from uav_mission_manager.solver.submdp import sub_mdp_states
 
-LIKELIHOOD = np.array([0.5, 0.25, 0.25])[X_PRIORITY] * np.array([0.45, 0.55])[X_RANGE]
-"""Weight of each x_j in a fit, as likely as in missions that are flown. Measured with three goals:
-equal weights change mean losses by factors of 0.8 to 2.2."""
+PRIORITY_LIKELIHOOD, RANGE_LIKELIHOOD = np.array([0.5, 0.25, 0.25]), np.array([0.45, 0.55])
+"""Weight of each g_j and r_j in a fit, as likely as in missions that are flown. Measured with
+three goals: equal weights change mean losses by factors of 0.8 to 2.2."""
 
 FEATURES, COMPLETE = 1536, 2304
 """Most features of an expansion of order two, and for each order more; where there is room for all
@@ -49,8 +47,9 @@ Factors = list[tuple[int, IndexArray]]
 """Factors of features: of the first factor, the second and so on, which feature is the first that
 has one, and the factors' positions from there on."""
 
-RANKS = (0, 0, 1, 2, 2)
-"""Detail of each function of x_j but the constant: 2 for the fine ones."""
+RANKS = {6: (0, 0, 1, 2, 2), 3: (0, 2)}
+"""Detail of each function of x_j but the constant, by how many values x_j has: 2 for the fine
+ones."""
 
 FINE = 2
 """Rank of a fine function."""
@@ -69,10 +68,13 @@ class Group:
         Largest sum of the ranks of a feature's factors, see `RANKS`; 2n of n goals in full.
     clusters : tuple of tuple of int
         Goals from 0, ascending; those that couple most closely first.
+    x_values : int
+        Values of each x_j.
     """
 
     detail: int
     clusters: tuple[tuple[int, ...], ...]
+    x_values: int = 6
 
     @property
     def n(self) -> int:
@@ -82,7 +84,7 @@ class Group:
     @property
     def size(self) -> int:
         """Features of a cluster."""
-        return _features(self.n, self.detail)
+        return _features(self.n, self.detail, self.x_values)
 
 
 @dataclass(frozen=True)
@@ -126,14 +128,16 @@ class Clusters:
     ) -> tuple[Clusters, bool]:
         """As many clusters as there is room for, and whether all are in more than least detail."""
         room, groups, complete, measures = features - 1, [], True, Measures(mission)
+        values = 3 * mission.range.flag_values
         for n in range(1, min(order + 1, mission.k) + 1):
             details = [
                 detail
                 for detail in ((FINE,) if n == 1 else (*DETAILS, FINE * n))
                 if (n <= order or detail < FINE * n)
-                and cluster_states(mission, n, _values(n, detail)) <= max_states
+                and detail in _details(n, values)
+                and cluster_states(mission, n, _values(n, detail, values)) <= max_states
             ]
-            sizes = [0, *(_features(n, detail) for detail in details)]
+            sizes = [0, *(_features(n, detail, values) for detail in details)]
             counts, most = [], math.comb(mission.k, n)
             for size in np.diff(sizes).tolist():
                 most = most if n == 1 else min(most, max(room, 0) // size)
@@ -144,7 +148,7 @@ class Clusters:
             starts = [*counts[1:], 0]
             for detail, start, end in list(zip(details, starts, counts))[::-1]:
                 if end > start:
-                    groups.append(Group(detail, closest[start:end]))
+                    groups.append(Group(detail, closest[start:end], values))
         return cls(tuple(groups)), complete
 
     def within(self, features: int) -> Clusters:
@@ -153,7 +157,7 @@ class Clusters:
         for group in self.groups:
             most = len(group.clusters) if group.n == 1 else max(room, 0) // group.size
             if kept := group.clusters[:most]:
-                groups.append(Group(group.detail, kept))
+                groups.append(Group(group.detail, kept, group.x_values))
             room -= len(kept) * group.size
         return Clusters(tuple(groups))
 
@@ -170,36 +174,49 @@ class Clusters:
     def states(self, mission: Mission) -> list[int]:
         """States of each cluster's largest sub-MDP."""
         return [
-            cluster_states(mission, group.n, _values(group.n, group.detail))
+            cluster_states(mission, group.n, _values(group.n, group.detail, group.x_values))
             for group in self.groups
             for _ in group.clusters
         ]
 
 
 def cluster_states(mission: Mission, n: int, values: int | None = None) -> int:
-    """States of a sub-MDP of n goals whose x_j together take so many values, 6^n in full."""
-    shared = 8 * mission.grid.q * (n + 1) * len(mission.threat.levels) * 2
-    return shared * (X_VALUES**n if values is None else values)
+    """States of a sub-MDP of n goals whose x_j together take so many values, X^n in full."""
+    every = (3 * mission.range.flag_values) ** n
+    return sub_mdp_states(mission, n) // every * (every if values is None else values)
 
 
-def _features(n: int, detail: int) -> int:
+def _features(n: int, detail: int, values: int) -> int:
     """Features of n goals whose factors' ranks add up to at most `detail`."""
     counts = np.ones(1, int)
     for _ in range(n):
-        counts = np.convolve(counts, np.bincount(RANKS))
+        counts = np.convolve(counts, np.bincount(RANKS[values]))
     return int(counts[: detail + 1].sum())
 
 
-def _values(n: int, detail: int) -> int:
+def _details(n: int, values: int) -> list[int]:
+    """Those of the details of n goals that have more features than the one below."""
+    counts = [_features(n, detail, values) for detail in range(FINE * n + 1)]
+    return [detail for detail, more in enumerate(np.diff([0, *counts])) if more]
+
+
+def _values(n: int, detail: int, values: int) -> int:
     """Values that x_1..x_n take together in the largest sub-MDP of a cluster."""
     fine = min(detail // FINE, n)
-    return X_VALUES**fine * 2 ** (n - fine)
+    return int(values**fine * 2 ** (n - fine))
+
+
+def likelihood(values: int) -> FloatArray:
+    """Weight of each x_j of so many values in a fit."""
+    if values == len(PRIORITY_LIKELIHOOD):
+        return PRIORITY_LIKELIHOOD
+    return np.kron(PRIORITY_LIKELIHOOD, RANGE_LIKELIHOOD)
 
 
 class Basis:
     """Features of a mission's clusters.
 
-    Functions are orthonormal under `LIKELIHOOD`, and all but the constant have mean 0.
+    Functions are orthonormal under `likelihood`, and all but the constant have mean 0.
 
     Parameters
     ----------
@@ -212,14 +229,12 @@ class Basis:
     size : int
         P, the constant feature counted, which is the first.
     products : list of tuple of int
-        Positions of each feature's factors, 6 times the goal plus the function.
+        Positions of each feature's factors, X times the goal plus the function.
     """
 
     def __init__(self, reduced: ReducedMission, clusters: Clusters) -> None:
         self.reduced, self.clusters, self.size = reduced, clusters, clusters.features
-        wanted = X_PRIORITY > 0
-        coarse = np.ones(X_VALUES), X_RANGE, X_RANGE * wanted, wanted
-        functions = _orthonormal(np.column_stack([*coarse, np.eye(X_VALUES)[:, 2:4]]))
+        functions = _own_functions(reduced.x_values)
         self._now = np.broadcast_to(functions, (1, reduced.n, *functions.shape))
         self._next = reduced.goals @ functions
         self._completed = reduced.completed @ functions
@@ -228,14 +243,16 @@ class Basis:
 
     def _products(self) -> list[tuple[int, ...]]:
         products: list[tuple[int, ...]] = [()]
+        values = self.reduced.x_values
+        ranks = RANKS[values]
         for group in self.clusters.groups:
             chosen = [
                 functions
-                for functions in itertools.product(range(1, X_VALUES), repeat=group.n)
-                if sum(RANKS[function - 1] for function in functions) <= group.detail
+                for functions in itertools.product(range(1, values), repeat=group.n)
+                if sum(ranks[function - 1] for function in functions) <= group.detail
             ]
             for goals in group.clusters:
-                offsets = [X_VALUES * j for j in goals]
+                offsets = [values * j for j in goals]
                 products += [tuple(map(sum, zip(offsets, functions))) for functions in chosen]
         return products
 
@@ -259,7 +276,7 @@ class Basis:
         return self.features(self.functions_after(outcomes).astype(dtype), x)
 
     def functions_after(self, outcomes: Sequence[Outcome]) -> FloatArray:
-        """E of the functions of each x_j' by x_j, shape (outcomes, k, 6, functions)."""
+        """E of the functions of each x_j' by x_j, shape (outcomes, k, X, functions)."""
         table = self._next[[regime for regime, _ in outcomes]]
         for position, (regime, goal) in enumerate(outcomes):
             if goal is not None:
@@ -269,7 +286,7 @@ class Basis:
     def features(
         self, functions: RealArray, x: IntArray, factors: Factors | None = None
     ) -> RealArray:
-        """Features (outcomes, P, N) of functions (outcomes, k, 6, functions) at x (N, k).
+        """Features (outcomes, P, N) of functions (outcomes, k, X, functions) at x (N, k).
 
         All of them by default, else those of some factors.
         """
@@ -284,7 +301,9 @@ class Basis:
     @cached_property
     def of_goals(self) -> list[tuple[IndexArray, Factors]]:
         """Positions of the features that look at each goal, and their factors."""
-        goals = [{factor // X_VALUES for factor in product} for product in self.products]
+        goals = [
+            {factor // self.reduced.x_values for factor in product} for product in self.products
+        ]
         found = []
         for j in range(self.reduced.n):
             positions = [position for position, looks_at in enumerate(goals) if j in looks_at]
@@ -305,8 +324,18 @@ def _factors(products: list[tuple[int, ...]]) -> Factors:
     return factors
 
 
+def _own_functions(values: int) -> FloatArray:
+    """Functions of x_j of so many values X, the constant first: (X, X), a column each."""
+    flag_values = values // len(PRIORITY_LIKELIHOOD)
+    priorities, flags = np.divmod(np.arange(values), flag_values)
+    wanted, constant = priorities > 0, np.ones(values)
+    coarse = [constant, wanted] if flag_values == 1 else [constant, flags, flags * wanted, wanted]
+    low = np.eye(values)[:, priorities == 1]
+    return _orthonormal(np.column_stack([*coarse, low]))
+
+
 def _orthonormal(functions: FloatArray) -> FloatArray:
-    """Functions of x_j (6, 6) made orthonormal, each to those before it."""
-    weight = np.sqrt(LIKELIHOOD)[:, None]
+    """Functions of x_j (X, X) made orthonormal, each to those before it."""
+    weight = np.sqrt(likelihood(len(functions)))[:, None]
     q, r = np.linalg.qr(functions * weight)
     return np.asarray(q * np.sign(np.diag(r)) / weight)

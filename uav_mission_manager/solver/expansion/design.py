@@ -6,8 +6,8 @@ import numpy as np
 
 from uav_mission_manager.mdp.arrays import IntArray
 from uav_mission_manager.mdp.mission import Mission
-from uav_mission_manager.solver.expansion.basis import LIKELIHOOD, Clusters
-from uav_mission_manager.solver.reduced import X_VALUES, goal_order
+from uav_mission_manager.solver.expansion.basis import Clusters, likelihood
+from uav_mission_manager.solver.reduced import goal_order
 
 COMPLETE_DESIGN = 1 << 13
 """Most points of a design that holds all x."""
@@ -22,12 +22,17 @@ LEAST_POINTS = 2048
 
 def is_complete(mission: Mission) -> bool:
     """Whether the design holds all x."""
-    return X_VALUES**mission.k <= COMPLETE_DESIGN
+    return _every(mission) <= COMPLETE_DESIGN
+
+
+def _every(mission: Mission) -> int:
+    """Number of all x."""
+    return int((3 * mission.range.flag_values) ** mission.k)
 
 
 def design_size(mission: Mission, clusters: Clusters, points_a_feature: int) -> int:
     """Number of design points for an expansion."""
-    every = int(X_VALUES**mission.k)
+    every = _every(mission)
     if is_complete(mission):
         return every
     return min(max(points_a_feature * clusters.features, LEAST_POINTS), every)
@@ -38,11 +43,11 @@ def design(mission: Mission, points: int) -> IntArray:
 
     Goals are drawn for in an order of their own, so that relabelling them changes nothing.
     """
-    k = mission.k
+    k, values = mission.k, 3 * mission.range.flag_values
     if is_complete(mission):
-        return np.indices((X_VALUES,) * k).reshape(k, -1).T
+        return np.indices((values,) * k).reshape(k, -1).T
     rng = np.random.default_rng(points)
-    drawn = rng.choice(6, (2 * points, k), p=LIKELIHOOD)
+    drawn = rng.choice(values, (2 * points, k), p=likelihood(values))
     chosen = rng.permutation(np.unique(drawn, axis=0))[:points]
     x = np.empty_like(chosen)
     x[:, goal_order(mission)] = chosen

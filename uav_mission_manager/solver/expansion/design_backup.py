@@ -1,6 +1,6 @@
-"""The Bellman backup of a sum of features in design points, all cells, threats and faults at once.
+"""The Bellman backup of a sum of features in design points, all cells, threats and conditions.
 
-With W(l, t, f, x) = theta(l, t, f) phi(x) the expectation over t' and f' is one over theta, that
+With W(l, t, z, x) = theta(l, t, z) phi(x) the expectation over t' and z' is one over theta, that
 over x' one over phi, and what is left is a matrix product for each regime. What the actions of
 one arrival differ in, their costs and where they are allowed, does not change from sweep to
 sweep.
@@ -30,7 +30,7 @@ RegimeAndCell = tuple[int, int]
 """Regime and cell."""
 
 Coefficients = dict[int, RealArray]
-"""Coefficients of the discounted expectation over t' and f', (q, T, 8, P), of each regime."""
+"""Coefficients of the discounted expectation over t' and z', (q, T, Z, P), of each regime."""
 
 
 class DesignBackup:
@@ -48,7 +48,7 @@ class DesignBackup:
         self.points, self.dtype = len(x), np.dtype(dtype)
         reduced = basis.reduced
         self._threat = reduced.threat.astype(dtype)
-        self._faults = (reduced.sub.mission.discount * reduced.faults).astype(dtype)
+        self._conditions = (reduced.sub.mission.discount * reduced.conditions).astype(dtype)
         starts = range(0, len(x), BLOCK_POINTS)
         self._slices = [slice(start, start + BLOCK_POINTS) for start in starts]
         blocks = threads.share(
@@ -59,9 +59,9 @@ class DesignBackup:
         self._blocks = [block for _, block in sorted(blocks, key=itemgetter(0))]
 
     def __call__(self, theta: RealArray) -> RealArray:
-        """Return T W, shape (q, T, 8, M), of theta over cell, t, f and feature."""
+        """Return T W, shape (q, T, Z, M), of theta over cell, t, z and feature."""
         later = (self._threat @ theta.reshape(*theta.shape[:2], -1)).reshape(theta.shape)
-        coefficients = {int(regime): self._faults[regime] @ later for regime in Regime}
+        coefficients = {int(regime): self._conditions[regime] @ later for regime in Regime}
         out = np.empty((*theta.shape[:3], self.points), self.dtype)
 
         def back_up(thread: int, block: int) -> None:
@@ -80,7 +80,7 @@ class _Completion:
     regime, goal : int
     points : int array (n,)
         Positions of those points in the block.
-    costs : float array (8, n)
+    costs : float array (Z, n)
         Its `ReducedMission.action_costs`.
     gains : float array (P_j, n)
         What the expected features that look at the goal gain by its completion.
@@ -119,11 +119,10 @@ class _Block:
             costs = reduced.action_costs(cell, x).astype(dtype)
             self.arrivals.append(self._arrivals(cell, costs))
             self.completions.append(self._completions(cell, costs, basis, x))
-        goals = reduced.goal_costs[np.arange(reduced.n), x].sum(axis=1)
-        self.costs = (reduced.fault_costs[:, None] + goals).astype(dtype)
+        self.costs = reduced.own_costs(x).astype(dtype)
 
     def __call__(self, coefficients: Coefficients, out: RealArray) -> None:
-        """Write T W, shape (q, T, 8, m)."""
+        """Write T W, shape (q, T, Z, m)."""
         ahead = {regime: self._ahead(regime, coefficients[regime]) for regime in self.expected}
         scratch = np.empty_like(out[0])
         out[:] = np.inf
@@ -136,10 +135,10 @@ class _Block:
                 arrived = ahead[regime][cell].take(points, axis=-1) + completion.costs
                 arrived += self._gained(completion, coefficients[regime][cell])
                 least[..., points] = np.minimum(least[..., points], arrived)
-            least += self.costs
+            least += self.costs[cell % len(self.costs)]
 
     def _ahead(self, regime: int, coefficients: RealArray) -> dict[int, RealArray]:
-        """Discounted E[V'], nothing completed, (T, 8, m) by the cells it may lead to."""
+        """Discounted E[V'], nothing completed, (T, Z, m) by the cells it may lead to."""
         regimes, landings = self.reduced.regimes, self.reduced.landings
         cells = np.unique(landings[regimes == regime])
         chosen = coefficients[cells]
@@ -149,13 +148,13 @@ class _Block:
         return dict(zip(cells.tolist(), out))
 
     def _gained(self, completion: _Completion, coefficients: RealArray) -> RealArray:
-        """What the chance to complete a goal adds to the discounted E[V'], (T, 8, n)."""
+        """What the chance to complete a goal adds to the discounted E[V'], (T, Z, n)."""
         part = coefficients.take(self.members[completion.goal], axis=-1)
         gained = part.reshape(-1, part.shape[-1]) @ completion.gains
         return self.completion * gained.reshape(*part.shape[:2], -1)
 
     def _arrivals(self, cell: int, costs: RealArray) -> dict[RegimeAndCell, RealArray]:
-        """Least cost (8, m) of the actions of each arrival from a cell, nothing completed."""
+        """Least cost (Z, m) of the actions of each arrival from a cell, nothing completed."""
         reduced = self.reduced
         arrivals: dict[RegimeAndCell, list[int]] = {}
         for action in np.flatnonzero(~reduced.completes[:, cell]).tolist():

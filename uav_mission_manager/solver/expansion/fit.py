@@ -1,14 +1,14 @@
 """Goal expansion: V as a sum of tables of a few goals each, fitted to its own Bellman backup.
 
 V(s) = p(t, m) - [c > 0] eta_c g_c r_c + W(y, x), as in `uav_mission_manager.solver.reduced`, with
-y = (l, t, f) and x = (x_1, .., x_k), is approximated by
+y = (l, t, z) and x = (x_1, .., x_k), is approximated by
 
     W(y, x) = sum over features of theta(y) phi(x),
 
 phi the products of `uav_mission_manager.solver.expansion.basis`. Fitted value iteration
 (Gordon 1995) backs up W in a set of design points x and all y, exactly, and fits theta to the
 result by weighted least squares; with the design fixed, a sweep is matrix products. Nothing in it
-grows with 2^k 3^k. Where every goal is in one fine cluster and the design holds all x, the fit is
+grows with X^k. Where every goal is in one fine cluster and the design holds all x, the fit is
 exact and so is V. The policy takes the action of least Q, one epoch ahead in W.
 
 A fitted backup need not contract, least of all in few points. A fit that runs away is tried again
@@ -42,7 +42,7 @@ from uav_mission_manager.solver.expansion.extrapolation import (
 )
 from uav_mission_manager.solver.expansion.least_squares import LeastSquares
 from uav_mission_manager.solver.progress import Progress, Report, ignore, share_of_decades
-from uav_mission_manager.solver.reduced import X_VALUES, ReducedMission, goal_order
+from uav_mission_manager.solver.reduced import ReducedMission, goal_order
 from uav_mission_manager.solver.span_bounds import SpanBounds
 from uav_mission_manager.solver.submdp import whole_mission
 
@@ -93,8 +93,8 @@ class Expansion:
     ----------
     mission : Mission
     clusters : Clusters
-    theta : float array (q, T, 8, P)
-        Coefficients over cell, t, f and feature; float64 where the costs need it, else float32.
+    theta : float array (q, T, Z, P)
+        Coefficients over cell, t, z and feature; float64 where the costs need it, else float32.
     points : int
         Design points.
     iterations : int
@@ -199,8 +199,8 @@ def fit_bytes(
     of_goals = sum(g.n * g.size * len(g.clusters) for g in clusters.groups)
     features = (5 * size + int(2 * committed * of_goals)) * points
     # Least costs of the arrivals from a cell: regimes and directions, and completions.
-    costs = 8 * points * (q * min(2 * k + 4, 12) + 2 * k)
-    levels = 8 * reduced.sub.threats
+    costs = reduced.z_values * points * (q * min(2 * k + 4, 12) + 2 * k)
+    levels = reduced.z_values * reduced.sub.threats
     # T W now and in the remembered sweeps with their fits, and as much while it is computed.
     values = levels * q * points * (3 + 2 * (REMEMBERED_SWEEPS + 1))
     scratch = levels * (2 * q + 3) * BLOCK_POINTS * threads.processors()
@@ -274,7 +274,7 @@ class _Fit:
     ) -> Expansion | None:
         """Fit in the design points x, from another expansion; None where that runs away."""
         basis = Basis(self.reduced, clusters)
-        axes = self.reduced.q, self.reduced.sub.threats, 8, basis.size
+        axes = self.reduced.q, self.reduced.sub.threats, self.reduced.z_values, basis.size
         theta: RealArray = np.zeros(axes, self.dtype)
         iterations = 0
         if start is not None:
@@ -326,7 +326,7 @@ def _fresh_residual(basis: Basis, theta: RealArray, backup: DesignBackup, x: Int
     if not is_complete(mission):
         rng = np.random.default_rng(len(x))
         x = np.empty((FRESH_POINTS, mission.k), np.int64)
-        x[:, goal_order(mission)] = rng.integers(0, X_VALUES, x.shape)
+        x[:, goal_order(mission)] = rng.integers(0, basis.reduced.x_values, x.shape)
         backup = DesignBackup(basis, x, theta.dtype)
     values, present = backup(theta), theta @ basis.now(x, theta.dtype)
     bounds, relative = _bounds(mission, values, present)

@@ -10,8 +10,7 @@ from numpy.typing import DTypeLike
 
 from uav_mission_manager.mdp.arrays import FloatArray, IntArray, RealArray
 from uav_mission_manager.solver import threads
-from uav_mission_manager.solver.expansion.basis import LIKELIHOOD, Basis
-from uav_mission_manager.solver.reduced import X_VALUES
+from uav_mission_manager.solver.expansion.basis import Basis, likelihood
 
 SUMMED_POINTS = 2048
 """Design points over which inner products are summed up in single precision, and not more."""
@@ -42,8 +41,9 @@ class LeastSquares:
     def __init__(self, basis: Basis, x: IntArray, dtype: DTypeLike) -> None:
         size = basis.size
         self.now = np.empty((size, len(x)), dtype)
-        complete = len(x) == X_VALUES ** x.shape[1]
-        weights = LIKELIHOOD[x].prod(axis=1) if complete else np.full(len(x), 1 / len(x))
+        values = basis.reduced.x_values
+        complete = len(x) == values ** x.shape[1]
+        weights = likelihood(values)[x].prod(axis=1) if complete else np.full(len(x), 1 / len(x))
         self.weights = weights.astype(dtype)
         for start in range(0, len(x), SUMMED_POINTS):
             part = slice(start, start + SUMMED_POINTS)

@@ -11,7 +11,7 @@ from numpy.typing import DTypeLike
 from uav_mission_manager.mdp.arrays import FloatArray, IndexArray, IntArray, RealArray
 from uav_mission_manager.solver.expansion.basis import Basis, Outcome
 from uav_mission_manager.solver.expansion.fit import Expansion
-from uav_mission_manager.solver.reduced import X_VALUES, ReducedMission
+from uav_mission_manager.solver.reduced import ReducedMission
 from uav_mission_manager.solver.submdp import whole_mission
 
 FEATURE_ENTRIES = 1 << 22
@@ -26,7 +26,7 @@ class _Departure:
     ----------
     outcomes : list
         What an epoch may do to the goals: the regimes first, then the completions.
-    functions : float array (outcomes, k, 6, functions)
+    functions : float array (outcomes, k, X, functions)
         E of the functions of the x_j' after each.
     actions : list of int array
         Actions of each outcome.
@@ -54,12 +54,12 @@ class ExpansionLookAhead:
         theta = np.asarray(expansion.theta)
         later = (reduced.threat @ theta.reshape(*theta.shape[:2], -1)).reshape(theta.shape)
         self.theta = _by_level(theta, theta.dtype)
-        faults = expansion.mission.discount * reduced.faults
-        self.tables = [_by_level(matrix @ later, theta.dtype) for matrix in faults]
+        conditions = expansion.mission.discount * reduced.conditions
+        self.tables = [_by_level(matrix @ later, theta.dtype) for matrix in conditions]
         self._departures = [_departure(self.basis, cell, theta.dtype) for cell in range(reduced.q)]
         # An action looks at its own goal only, so all may be alike; recharging looks at whether
-        # any range is lost, which 0 and 1 tell.
-        alike = np.repeat(np.arange(X_VALUES)[:, None], reduced.n, axis=1)
+        # any range is lost, which the first two tell.
+        alike = np.repeat(np.arange(reduced.x_values)[:, None], reduced.n, axis=1)
         costs = reduced.action_costs(np.arange(reduced.q), alike).transpose(1, 2, 0, 3)
         price = reduced.price[reduced.agile[:, None], reduced.landings].transpose(1, 2, 0)
         shared = reduced.fault_costs[:, None, None]
@@ -70,8 +70,9 @@ class ExpansionLookAhead:
         """V(s) of the expansion itself, shape (N,)."""
         x, s = self.reduced.x(states), self.reduced.split(states)
         out = self.reduced.mode_costs(states)
-        for level, rows in _groups(s.t * 8 + s.f - 1, self.basis.size):
-            table = self.theta[divmod(level, 8)]
+        z_values = self.reduced.z_values
+        for level, rows in _groups(s.t * z_values + self.reduced.z(states), self.basis.size):
+            table = self.theta[divmod(level, z_values)]
             values = table @ self.basis.now(x[rows], table.dtype)
             out[rows] += values[s.l[rows], np.arange(len(rows))]
         return out
@@ -79,15 +80,16 @@ class ExpansionLookAhead:
     def q_values(self, states: IntArray) -> FloatArray:
         """Q(s, a) of global states (N, 2k+5), shape (N, 2k+4); inf where not allowed."""
         reduced, s = self.reduced, self.reduced.split(states)
-        x, f = 2 * s.g + s.r, s.f - 1
+        x, z = reduced.x(states), reduced.z(states)
         q = np.empty((len(states), len(reduced.slots)))
-        threats = reduced.sub.threats
-        for group, rows in _groups((s.l * threats + s.t) * 8 + f, self.basis.size):
-            level, fault = divmod(group, 8)
-            q[rows] = self._expected(*divmod(level, threats), fault, x[rows]).T
+        threats, z_values = reduced.sub.threats, reduced.z_values
+        for group, rows in _groups((s.l * threats + s.t) * z_values + z, self.basis.size):
+            level, condition = divmod(group, z_values)
+            q[rows] = self._expected(*divmod(level, threats), condition, x[rows]).T
         own = np.where(self._commits, x[:, reduced.slots], s.r.all(axis=1, keepdims=True))
-        q += self._costs[s.l[:, None], s.t[:, None], f[:, None], self._actions, own]
-        costs = reduced.goal_costs[np.arange(reduced.n), x].sum(axis=1)
+        q += self._costs[s.l[:, None], s.t[:, None], z[:, None], self._actions, own]
+        goals = np.arange(reduced.n)
+        costs = reduced.goal_costs[goals, s.l[:, None], z[:, None], x].sum(axis=1)
         return q + (costs + reduced.mode_costs(states))[:, None]
 
     @property
@@ -98,21 +100,21 @@ class ExpansionLookAhead:
         missions of few goals only: all x are gone through.
         """
         n, size = self.reduced.n, self.basis.size
-        x = np.indices((X_VALUES,) * n).reshape(n, -1).T
+        x = np.indices((self.reduced.x_values,) * n).reshape(n, -1).T
         largest = np.abs(self.basis.now(x, np.float64)).max(axis=1)
         magnitude = float((np.abs(self.theta) * largest).sum(axis=-1).max())
         return (size + 8) * float(np.finfo(self.theta.dtype).eps) * magnitude
 
-    def _expected(self, cell: int, t: int, f: int, x: IntArray) -> FloatArray:
-        """Discounted E[W(s')] of each action from one cell, t and f: (A, N)."""
-        departure, completion = self._departures[cell], float(self.reduced.completion[f])
+    def _expected(self, cell: int, t: int, z: int, x: IntArray) -> FloatArray:
+        """Discounted E[W(s')] of each action from one cell, t and z: (A, N)."""
+        departure, completion = self._departures[cell], float(self.reduced.completion[z])
         out = np.empty((len(self._actions), len(x)))
         features = self.basis.features(departure.functions, x)
         for (regime, goal), actions, (cells, back), feature in zip(
             departure.outcomes, departure.actions, departure.landings, features
         ):
             # Each cell once: equal rows of a matrix product need not be rounded alike.
-            expected = (self.tables[regime][t, f].take(cells, axis=0) @ feature)[back]
+            expected = (self.tables[regime][t, z].take(cells, axis=0) @ feature)[back]
             if goal is not None:
                 before = out[actions]
                 expected = before + completion * (expected - before)
@@ -134,7 +136,7 @@ def _departure(basis: Basis, cell: int, dtype: DTypeLike) -> _Departure:
 
 
 def _by_level(theta: RealArray, dtype: DTypeLike) -> RealArray:
-    """Coefficients (q, T, 8, P) as (T, 8, q, P), in one piece."""
+    """Coefficients (q, T, Z, P) as (T, Z, q, P), in one piece."""
     return np.ascontiguousarray(theta.transpose(1, 2, 0, 3), dtype)
 
 

@@ -206,7 +206,7 @@ class FleetPlanner:
 
     def _checked(self, fleets: NDArray[np.integer]) -> IntArray:
         if fleets.ndim != 3 or not fleets.shape[1]:
-            variables = 2 * self.mission.k + 5
+            variables = len(self._space.shape)
             raise ValueError(f'fleets have shape {fleets.shape}, not (N, n, {variables})')
         states = self._space.check(fleets.reshape(-1, fleets.shape[2])).reshape(fleets.shape)
         g = self._space.split(states).g

@@ -28,6 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uav_mission_manager.mdp.arrays import FloatArray, IndexArray, IntArray
+from uav_mission_manager.mdp.charge import RangeFlags
 from uav_mission_manager.mdp.cost import commitment_savings
 from uav_mission_manager.mdp.dynamics import (
     Regime,
@@ -69,7 +70,7 @@ class PriorityScore:
 
     def __init__(self, mission: Mission, weights: PriorityWeights | None = None) -> None:
         self.mission, grid = mission, mission.grid
-        self._space = StateSpace.of(mission)
+        self._space, self._flags = StateSpace.of(mission), RangeFlags(mission)
         weighted = np.array(list(vars(weights or PriorityWeights()).values()))
         self._weights = weighted / weighted.sum()
         savings = commitment_savings(mission)
@@ -86,11 +87,11 @@ class PriorityScore:
     def terms(self, states: IntArray) -> FloatArray:
         """Reward, urgency, risk and resources of each goal in states (N, 2k+5), (N, k, 4)."""
         s = self._space.split(states)
-        f = s.f[:, None] - 1
+        f, r = s.f[:, None] - 1, self._flags(s)
         achieved = self._completion[f] * self._calm[s.l, :, s.t]
         achieved *= self._no_failure[f] ** self._epochs[s.l]
-        reward = self._reward[np.arange(self.mission.k), s.g, s.r]
-        resources = np.where(s.r == 1, self._resources[s.l], 1.0)
+        reward = self._reward[np.arange(self.mission.k), s.g, r]
+        resources = np.where(r == 1, self._resources[s.l], 1.0)
         return np.stack([reward, s.g / 2, 1 - achieved, resources], axis=-1)
 
     def of_goals(self, states: IntArray) -> FloatArray:

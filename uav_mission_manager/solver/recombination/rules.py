@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from uav_mission_manager.mdp.arrays import FloatArray, IndexArray, IntArray
+from uav_mission_manager.mdp.charge import RangeFlags
 from uav_mission_manager.mdp.cost import commitment_savings
 from uav_mission_manager.mdp.states import StateSpace
 from uav_mission_manager.solver.submdp import SubMdp
@@ -39,7 +40,7 @@ def highest_priority(
     """Q values of the sub-MDP with the highest priority score, the largest eta_j g_j r_j."""
     mission = subs[0].mission
     s = StateSpace.of(mission).split(states)
-    scores = commitment_savings(mission)[np.arange(mission.k), s.g, s.r]
+    scores = commitment_savings(mission)[np.arange(mission.k), s.g, RangeFlags(mission)(s)]
     ranks = np.stack([scores[:, list(sub.goals)].max(axis=1) for sub in subs])
     return _of_one(subs, states, tables, ranks.argmax(axis=0))
 
