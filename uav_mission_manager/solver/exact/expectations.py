@@ -177,9 +177,11 @@ class ArrivalExpectation:
         parked, *serviced = self.table[first : first + len(ON_GROUND)]
         faults = source[grid.service].reshape(source.shape[1], 8, -1)
         recharged, repaired = (table.reshape(faults.shape) for table in serviced)
+        gained = max(int(model.recharged[0]), 1)
         return [
             (np.add, (source[grid.base], price[grid.base], parked)),
-            (faults.take, (model.recharged, 2, recharged, 'clip')),
+            (np.copyto, (recharged[:, :, -gained:], faults[:, :, -1:])),
+            (np.copyto, (recharged[:, :, :-gained], faults[:, :, gained:])),
             (np.copyto, (repaired, faults)),
             *drift(repaired, faults[:, :1], model.repair, np.empty_like(faults)),
             *((np.add, (table, price[grid.service], table)) for table in serviced),
