@@ -18,8 +18,9 @@ from dataclasses import replace
 import numpy as np
 
 from uav_mission_manager.mdp.arrays import BoolArray, IntArray
+from uav_mission_manager.mdp.energy import Drain, Energy
 from uav_mission_manager.mdp.fields import Bad
-from uav_mission_manager.mdp.mission import Drain, Energy, Mission, Row
+from uav_mission_manager.mdp.mission import Mission, Row
 from uav_mission_manager.mdp.range_model import endurance, flight_range, required_ranges
 from uav_mission_manager.mdp.states import StateView
 
@@ -32,16 +33,25 @@ def charge_level(levels: int, charge: float) -> int:
     return min(levels - 1, math.floor(levels * charge))
 
 
-def range_table(mission: Mission) -> BoolArray:
-    """r_j(b, l) of a mission with a charge, over goal, cell and level: (k, q, B)."""
-    energy, charge, grid = mission.energy, mission.range.charge, mission.grid
+def level_range(mission: Mission, level: int) -> float:
+    """Range sigma [m] that counts at a level of the charge."""
+    energy, charge = mission.energy, mission.range.charge
     assert energy is not None
     assert charge is not None
-    left = [
-        flight_range(energy, level / charge.levels - charge.reserve)
-        for level in range(charge.levels)
-    ]
-    needed = [required_ranges(mission, grid.position(cell)) for cell in range(grid.q)]
+    return flight_range(energy, level / charge.levels - charge.reserve)
+
+
+def flags_at(mission: Mission, cell: int, level: int) -> tuple[int, ...]:
+    """r_j(b, l) of each goal."""
+    left, position = level_range(mission, level), mission.grid.position(cell)
+    return tuple(int(left >= needed) for needed in required_ranges(mission, position))
+
+
+def range_table(mission: Mission) -> BoolArray:
+    """`flags_at` of a mission with a charge, over goal, cell and level: (k, q, B)."""
+    left = [level_range(mission, level) for level in range(mission.range.levels)]
+    positions = map(mission.grid.position, range(mission.grid.q))
+    needed = [required_ranges(mission, position) for position in positions]
     return np.array(left) >= np.array(needed).T[..., None]
 
 

@@ -19,21 +19,17 @@ from uav_mission_manager.geodesy import Origin
 from uav_mission_manager.mdp import fields
 from uav_mission_manager.mdp.areas import Areas, NoFlyArea, Polygon, fault_of_polygon
 from uav_mission_manager.mdp.charge import drain_by_energy
+from uav_mission_manager.mdp.energy import ByMode, Charge, Drain, Energy, Range
 from uav_mission_manager.mdp.epoch import Epoch
 from uav_mission_manager.mdp.fields import Bad
 from uav_mission_manager.mdp.goal_tasks import read_task
 from uav_mission_manager.mdp.grid import Grid
 from uav_mission_manager.mdp.mission import (
-    ByMode,
-    Charge,
-    Drain,
-    Energy,
     Faults,
     Goal,
     Matrix,
     Mission,
     Parts,
-    Range,
     Row,
     ServiceCost,
     Threat,

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 
+from uav_mission_manager.mdp.energy import Energy
 from uav_mission_manager.mdp.epoch import SECONDS_PER_HOUR
-from uav_mission_manager.mdp.mission import Energy, Mission
+from uav_mission_manager.mdp.mission import Mission
 
 
 def endurance(energy: Energy, charge: float) -> float:

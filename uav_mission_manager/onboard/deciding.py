@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from uav_mission_manager.mdp import ActionKind
+from uav_mission_manager.onboard.range_model import FULL_PACK
 from uav_mission_manager.onboard.situation import Situation
 from uav_mission_manager.policy import Decision, Policy
 
@@ -21,7 +22,8 @@ def decide(policy: Policy, situation: Situation, now: float, timeout: float) -> 
 
     In the model recharging brings every goal back into range, but it brings no refused one back:
     where it has no other use, the policy decides as if the refused goals were not wanted, and the
-    decision's values are those of that state.
+    decision's values are those of that state. A charge that is as full as it gets is not waited
+    for: then the policy decides as if it were full.
 
     Parameters
     ----------
@@ -36,12 +38,27 @@ def decide(policy: Policy, situation: Situation, now: float, timeout: float) -> 
     if missing:
         return Refusal('link lost: ' + ', '.join(missing))
     decision = policy.decide(situation.state)
+    recharges = decision.action.kind is ActionKind.RECHARGE
+    if recharges and situation.mission.range.charge is not None:
+        if not _full(situation):
+            return decision
+        decision = policy.decide(replace(situation, level=-1).state)
+        reason = f'as if full, it holds no more: {decision.reason}'
+        return replace(decision, state=situation.state, reason=reason)
     refused = ', '.join(situation.refused_goals)
-    if refused and decision.action.kind is ActionKind.RECHARGE and all(situation.in_range):
+    if refused and recharges and all(situation.in_range):
         decision = policy.decide(without_refused(situation).state)
         reason = f'as if {refused}, refused, were not wanted: {decision.reason}'
         return replace(decision, state=situation.state, reason=reason)
     return decision
+
+
+def _full(situation: Situation) -> bool:
+    """Whether the battery that counts holds about as much as it can."""
+    energy = situation.mission.energy
+    assert energy is not None
+    battery = situation.batteries.worst(energy)
+    return battery is not None and (battery.charge(energy) >= FULL_PACK * battery.share(energy))
 
 
 def without_refused(situation: Situation) -> Situation:

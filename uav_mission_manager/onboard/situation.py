@@ -1,4 +1,4 @@
-"""The situation on board: inputs in, state `[f r.. g.. l c t m]` out.
+"""The situation on board: inputs in, state `[f r.. g.. l c t m]` out, or `[f b g.. l c t m]`.
 
 A `Situation` is immutable; every `with_...` method checks one input and returns the next
 situation, or raises `InputError` and leaves the last good value where it is. Time is an argument.
@@ -13,7 +13,6 @@ from functools import cached_property, reduce
 
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, Action, Energy, Mission
-from uav_mission_manager.mdp.range_model import required_ranges
 from uav_mission_manager.onboard.battery import Batteries, BatteryReport
 from uav_mission_manager.onboard.inputs import (
     InputError,
@@ -22,7 +21,7 @@ from uav_mission_manager.onboard.inputs import (
     missing_inputs,
 )
 from uav_mission_manager.onboard.place import off_grid, present_cell, strayed
-from uav_mission_manager.onboard.range_model import range_flags
+from uav_mission_manager.onboard.range_model import flags_on_board, level_on_board
 from uav_mission_manager.onboard.settling import (
     FAULT_DANGERS,
     THREAT_DANGERS,
@@ -39,7 +38,7 @@ class Situation:
     Attributes
     ----------
     mission : Mission
-        Needs an `energy` section: the range flags are computed from it.
+        Needs an `energy` section: range flags and charge are computed from it.
     hysteresis : float
         A lost range flag comes back at 1 + hysteresis times the range that its goal needs.
     settling_time : float
@@ -52,6 +51,8 @@ class Situation:
         From the centre of cell 0 [m].
     cell : int
         l, the base before there is a position.
+    level : int
+        b of the state; full at first.
     dangers : Dangers
         Failed parts, threat, and goals out of range.
     priorities : tuple of k
@@ -82,6 +83,7 @@ class Situation:
     batteries: Batteries = field(default_factory=Batteries)
     position: tuple[float, float] | None = None
     cell: int = -1
+    level: int = -1
     dangers: Dangers = field(default_factory=Dangers)
     priorities: tuple[int, ...] = ()
     refused: tuple[bool, ...] = ()
@@ -95,10 +97,12 @@ class Situation:
     time: float = -math.inf
 
     def __post_init__(self) -> None:
-        """Start at the base with every goal in range, not refused and of priority 0."""
+        """Start at the base, charged, with no goal refused, each in range and of priority 0."""
         if self.mission.energy is None:
             raise ValueError(f'mission {self.mission.name}: no energy section, so no range')
         object.__setattr__(self, 'cell', self.mission.grid.base if self.cell < 0 else self.cell)
+        if self.level < 0:
+            object.__setattr__(self, 'level', self.mission.range.levels - 1)
         object.__setattr__(self, 'priorities', self.priorities or (0,) * self.mission.k)
         object.__setattr__(self, 'refused', self.refused or (False,) * self.mission.k)
 
@@ -199,7 +203,7 @@ class Situation:
 
     def with_mission(self, mission: Mission) -> Situation:
         """Continue with a mission of the same goals and grid but other numbers."""
-        return replace(self, mission=mission)._ranged()
+        return replace(self, mission=mission, level=-1)._ranged()
 
     def after(self, action: Action) -> Situation:
         """Continue with c' and m' of a decided action."""
@@ -248,9 +252,12 @@ class Situation:
 
     @property
     def state(self) -> tuple[int, ...]:
-        """The MDP state `[f r.. g.. l c t m]`."""
+        """The MDP state; with a charge goals that were refused are not wanted."""
         others = self.cell, self.commitment, self.threat, int(self.agile)
-        return (self.fault, *self.reachable, *self.priorities, *others)
+        if self.mission.range.charge is None:
+            return (self.fault, *self.reachable, *self.priorities, *others)
+        wanted = (g * (not refused) for g, refused in zip(self.priorities, self.refused))
+        return (self.fault, self.level, *wanted, *others)
 
     @property
     def refused_goals(self) -> tuple[str, ...]:
@@ -336,15 +343,8 @@ class Situation:
         battery = self.batteries.worst(self._energy)
         if battery is None or self.position is None:
             return self
-        flags: tuple[int, ...] = (0,) * self.mission.k
-        if battery.report.healthy:
-            flags = range_flags(
-                self._energy,
-                battery.charge(self._energy),
-                required_ranges(self.mission, self.position),
-                self.in_range,
-                self.hysteresis,
-                battery.share(self._energy),
-            )
-        lost = {danger for danger, flag in zip(self._range_dangers, flags) if not flag}
-        return self._endangered(lost, self._range_dangers)
+        level = level_on_board(self.mission, battery, self.level)
+        place, held = (self.cell, level), (self.in_range, self.hysteresis)
+        flags = flags_on_board(self.mission, battery, self.position, place, *held)
+        lost = {name for name, flag in zip(self._range_dangers, flags) if not flag}
+        return replace(self, level=level)._endangered(lost, self._range_dangers)

@@ -15,9 +15,9 @@ import numpy as np
 from uav_mission_manager.mdp import FAULT_MODES, Mission
 from uav_mission_manager.mdp.arrays import AnyArray, BoolArray, FloatArray
 from uav_mission_manager.mdp.dynamics import ON_GROUND, Regime, completion_probabilities
+from uav_mission_manager.mdp.energy import Energy
 from uav_mission_manager.mdp.epoch import SECONDS_PER_HOUR, SECONDS_PER_MINUTE, Epoch
 from uav_mission_manager.mdp.fields import Bad
-from uav_mission_manager.mdp.mission import Energy
 from uav_mission_manager.solver.evaluation.flights import MOST_EPOCHS, Flights
 from uav_mission_manager.solver.evaluation.intervals import (
     Interval,
