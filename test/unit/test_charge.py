@@ -12,13 +12,20 @@ from strategies import case_study, lively, pick_states, with_charge
 from test_brute_force import assert_bellman, assert_same_q
 
 from uav_mission_manager import build_policy, load_policy
-from uav_mission_manager.cli import policy_query
+from uav_mission_manager.cli import mission_simulate, policy_query
 from uav_mission_manager.mdp import MissionError, StateError, StateSpace, mission_from_dict
 from uav_mission_manager.mdp.charge import RangeFlags, charge_level, range_table
 from uav_mission_manager.solver.decomposition.decompose import decompose
-from uav_mission_manager.solver.evaluation import evaluate, simulation, tabulate
+from uav_mission_manager.solver.evaluation import (
+    evaluate,
+    forecast,
+    sensitivity,
+    simulation,
+    tabulate,
+)
 from uav_mission_manager.solver.evaluation.fleet_simulation import FleetSimulator
-from uav_mission_manager.solver.exact import AxisModel, solve_blocks, value_iteration
+from uav_mission_manager.solver.evaluation.flights import fly
+from uav_mission_manager.solver.exact import AxisModel, solve_blocks, stride, value_iteration
 from uav_mission_manager.solver.submdp import whole_mission
 
 
@@ -277,3 +284,74 @@ def test_a_mission_in_python_needs_energy_for_its_charge():
     mission = copy.copy(read(with_charge(case_study())))
     with pytest.raises(ValueError, match=r'range\.charge: needs energy'):
         type(mission)(**{**vars(mission), 'energy': None})
+
+
+def test_longer_strides_come_to_the_same_values_sooner(monkeypatch):
+    """An empty battery stays at base for ever: plain sweeps come closer by the discount only."""
+    sub = whole_mission(read(with_charge(case_study(1, 2), levels=16, empty_cost=500.0)))
+    found = value_iteration(sub, 1e-8)
+    monkeypatch.setattr(stride, 'PLAIN_SWEEPS', 10**9)
+    plain = value_iteration(sub, 1e-8)
+    assert found.iterations < 0.7 * plain.iterations
+    assert max(found.upper, plain.upper) < 2e-8
+    np.testing.assert_allclose(found.value, plain.value, rtol=0, atol=4e-8)
+
+
+def test_strides_that_do_not_help_are_given_up(monkeypatch):
+    sub = whole_mission(read(with_charge(case_study(1), levels=16, empty_cost=500.0)))
+    plain = value_iteration(sub, 1e-8)
+    monkeypatch.setattr(stride, 'PLAIN_SWEEPS', 1)
+    found = value_iteration(sub, 1e-8)
+    assert found.converged
+    np.testing.assert_allclose(found.value, plain.value, rtol=0, atol=4e-8)
+
+
+def test_sensitivity_is_that_of_missions_solved_anew():
+    document = json.loads(json.dumps(read(one_goal(noise=0.5)).to_dict()))
+    charge, start = document['range']['charge'], [1, 7, 2, 0, 0, 0, 0]
+
+    def cost(**changes):
+        changed = document | {'range': document['range'] | {'charge': charge | changes}}
+        policy = build_policy(read(changed), 'exact', tolerance=1e-10)
+        return float(policy.part_values([start])[0, 0])
+
+    solution = build_policy(read(document), 'exact', tolerance=1e-10).solution
+    found = {each.name: each for each in sensitivity.by_solving(solution, np.array([start]))}
+    before, drain = cost(), charge['drain']
+    p, rest = drain['normal'][0] * 1.1, (1 - drain['normal'][0] * 1.1)
+    scaled = [p, *(q * rest / (1 - drain['normal'][0]) for q in drain['normal'][1:])]
+    for name, after in (
+        ('range.charge.empty_cost', cost(empty_cost=charge['empty_cost'] * 1.1)),
+        ('range.charge.drain.normal.0', cost(drain=drain | {'normal': scaled})),
+    ):
+        assert found[name].relative == pytest.approx(after / before - 1, abs=2e-6)
+
+
+def test_a_battery_that_lasts_for_ever_has_no_sensitivity_to_its_drain():
+    document = one_goal()
+    document['range']['charge']['drain'] = {'normal': [1.0], 'agile': [0.5, 0.5]}
+    names = {parameter.name for parameter in sensitivity.parameters(read(document))}
+    assert 'range.charge.drain.agile.1' in names
+    assert 'range.charge.drain.normal.0' not in names
+
+
+def test_policies_of_charge_and_flags_cannot_be_compared(small, tmp_path):
+    document, mission, _ = small
+    flagged = read(lively() | {'energy': document['energy']})
+    for name, each in (('a', mission), ('b', flagged)):
+        build_policy(each, 'exact').save(tmp_path / name)
+    names = str(tmp_path / 'a'), '--compare', str(tmp_path / 'b')
+    with pytest.raises(SystemExit, match=r'--compare: states of .* are others, f r1 r2 g1 g2'):
+        mission_simulate.main([*names, '--episodes', '10'])
+
+
+def test_a_forecast_counts_agile_flight_by_its_own_energy(small):
+    """600 W for 10 s, 900 W for 9 s."""
+    mission = small[1]
+    policy = build_policy(mission, 'exact')
+    start = np.repeat([[1, 3, 2, 2, 0, 0, 2, 0]], 50, axis=0)
+    flights = fly(mission, policy.act, start, 40, np.random.default_rng(0))
+    normal, agile = flights.regime_epochs[:, :2].T
+    assert agile.any()
+    found = forecast.forecast(flights).means['energy_wh'].value
+    assert found == pytest.approx(((6000 * normal + 8100 * agile) / 3600).mean())

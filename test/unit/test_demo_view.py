@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from uav_mission_manager.cli.demo.view import LEGEND, View
+from uav_mission_manager.mdp import StateSpace
 
 REASON = 'goal2 has high priority, threat high; expected cost 153.2, 14 below commit goal1 agile'
 WHERE = 'cell 15 (150, -150, 20) m'
@@ -14,7 +15,7 @@ WHERE = 'cell 15 (150, -150, 20) m'
 def test_every_word_is_shown_in_lines_of_a_terminals_width(width, monkeypatch, capsys):
     monkeypatch.setenv('COLUMNS', str(width))
     monkeypatch.setenv('FORCE_COLOR', '1')
-    view = View('Three goals', goals=3)
+    view = View('Three goals', StateSpace(3, 8).names)
     view.start()
     view.decision((1, 1, 1, 1, 0, 2, 0, 15, 2, 2, 1), 'commit goal2 normal', REASON, WHERE)
     view.event(f'bridge: {REASON}')
@@ -34,7 +35,7 @@ def test_every_word_is_shown_in_lines_of_a_terminals_width(width, monkeypatch, c
 def test_elsewhere_each_happening_is_a_line(monkeypatch, capsys):
     monkeypatch.setenv('COLUMNS', '80')
     monkeypatch.delenv('FORCE_COLOR', raising=False)
-    view = View('Case I', goals=1)
+    view = View('Case I', StateSpace(1, 8).names)
     view.decision((1, 1, 2, 5, 1, 0, 0), 'commit goal1 normal', REASON, WHERE)
     view.event(REASON)
     lines = capsys.readouterr().out.splitlines()

@@ -129,7 +129,7 @@ def test_odd_names_in_the_demo(name, terminal, capsys, monkeypatch):
     monkeypatch.setenv('COLUMNS', '400')
     if terminal:
         monkeypatch.setenv('FORCE_COLOR', '1')
-    view = View(f'title {name}', goals=1)
+    view = View(f'title {name}', ['f', 'r1'])
     view.start()
     view.decision((1, 1), f'commit {name} normal', f'{name} has low priority', 'cell 1')
     view.event(f'vehicle: {name} completed')

@@ -8,7 +8,7 @@ from dataclasses import replace
 import matplotlib as mpl
 import numpy as np
 import pytest
-from strategies import case_study
+from strategies import case_study, with_charge
 
 from uav_mission_manager import build_policy, load_policy, plot_policy
 from uav_mission_manager.mdp import action_name, mission_from_dict
@@ -141,3 +141,18 @@ def test_without_matplotlib_it_says_what_it_needs(policy, monkeypatch):
     monkeypatch.setitem(sys.modules, 'matplotlib', None)
     with pytest.raises(ImportError, match='plot_policy needs Matplotlib: pip install matplotlib'):
         plot_policy(policy)
+
+
+def test_the_map_of_a_charge():
+    mission = mission_from_dict(with_charge(case_study(), levels=4), 'test')
+    charged = build_policy(mission)
+    full, low = (plot_policy(charged, charge=level) for level in (3, 0))
+    texts = [[text.get_text() for text in axes.texts] for axes in (full, low)]
+    assert texts[0] == [text.get_text() for text in plot_policy(charged).texts]
+    assert texts[0] != texts[1]
+    with pytest.raises(ValueError, match='b = 4 is outside'):
+        plot_policy(charged, charge=4)
+    with pytest.raises(ValueError, match=r'ranges: .* the charge tells'):
+        plot_policy(charged, ranges=[1, 1, 1])
+    with pytest.raises(ValueError, match='charge: 3: mission case_study has range flags'):
+        plot_policy(build_policy(mission_from_dict(case_study(1), 'test')), charge=3)

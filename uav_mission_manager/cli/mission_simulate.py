@@ -42,14 +42,18 @@ FORMAT = 1
 FEWEST_EPISODES, MOST_EPISODES = 10, 1_000_000
 """Fewer say nothing, more take too much memory: a choice."""
 
-NOT_MODELLED = (
+CHARGE_NOT_MODELLED = (
     'charge: the battery is one range flag for each goal, lost by chance in flight; whether a '
     'full charge is drawn before a recharge follows from the time in the air, which the policy '
-    'does not see',
+    'does not see'
+)
+"""What they are silent about besides, in missions without a charge."""
+
+NOT_MODELLED = (
     'loss of control: parts fail, but the vehicle always flies on; the nearest to it are a failed '
     'actuator and faults in which no goal is possible',
-    'turn-around: a recharge or a repair takes one epoch, take-off and landing none; agile flight '
-    'takes no more power, and there is no wind',
+    'turn-around: a recharge or a repair takes one epoch unless the mission says otherwise, '
+    'take-off and landing none; agile flight takes no more power by default, there is no wind',
     'the base station: it withdraws and asks for goals by the chances in the mission file',
 )
 """What the numbers are silent about."""
@@ -150,6 +154,9 @@ def _check_comparable(names: list[str], policies: list[Policy]) -> None:
             raise ValueError(
                 f'--compare: goals or grid of {shown(name)} are not those of {shown(names[0])}'
             )
+        if policy.space != policies[0].space:
+            variables = ' '.join(policy.space.names)
+            raise ValueError(f'--compare: states of {shown(name)} are others, {variables}')
         if policy.mission.feasibility != first.feasibility:
             raise ValueError(
                 f'--compare: feasibility of {shown(name)} is {policy.mission.feasibility}, '
@@ -208,7 +215,10 @@ def _answer(
             for name, policy, flights in zip(names, policies, runs)
         ],
         'difference': _plain(asdict(difference(*runs))) if runs[1:] else None,
-        'not_modelled': list(NOT_MODELLED),
+        'not_modelled': [
+            *([] if mission.range.charge else [CHARGE_NOT_MODELLED]),
+            *NOT_MODELLED,
+        ],
     }
 
 

@@ -50,6 +50,7 @@ def plot_policy(
     threat: str = 'none',
     ranges: Sequence[int] | None = None,
     priorities: Sequence[int] | None = None,
+    charge: int | None = None,
     axes: Axes | None = None,
 ) -> Axes:
     """Draw what a policy does in each cell; needs the extra `plot`.
@@ -66,9 +67,12 @@ def plot_policy(
     threat : str
         Name of the threat level t, such as `none`.
     ranges : sequence of k int, optional
-        Range flag of each goal, 0 or 1; by default all are in range.
+        Range flag of each goal, 0 or 1; by default all are in range. Not where the mission has a
+        charge, which tells them.
     priorities : sequence of k int, optional
         Priority of each goal, 0 to 2; by default all are high.
+    charge : int, optional
+        Level b of the charge, where the mission has one; by default it is full.
     axes : matplotlib.axes.Axes, optional
         Where to draw; by default on a new figure.
 
@@ -82,14 +86,15 @@ def plot_policy(
     ImportError
         If Matplotlib is missing.
     ValueError
-        If there is no such fault mode, threat level, flag or priority.
+        If there is no such fault mode, threat level, flag, priority or charge.
     """
     try:
         from matplotlib import pyplot
     except ImportError as error:
         raise ImportError('plot_policy needs Matplotlib: pip install matplotlib') from error
     mission = policy.mission
-    states = _states(policy, fault, threat, ranges, priorities)
+    columns = _range_columns(policy, ranges, charge)
+    states = _states(policy, fault, threat, columns, priorities)
     actions = [global_actions(mission)[number - 1] for number in policy.act(states)]
     if axes is None:
         axes = pyplot.figure(layout='constrained').add_subplot()
@@ -108,19 +113,31 @@ def _states(
     policy: Policy,
     fault: str,
     threat: str,
-    ranges: Sequence[int] | None,
+    ranges: IntArray,
     priorities: Sequence[int] | None,
 ) -> IntArray:
     """One state for each cell, shape (q, 2k+5)."""
     mission = policy.mission
-    states = np.zeros((mission.grid.q, 2 * mission.k + 5), np.int64)
+    states = np.zeros((mission.grid.q, len(policy.space.shape)), np.int64)
     s = policy.space.split(states)
     s.f[:] = _position('fault', fault, FAULT_MODES) + 1
     s.t[:] = _position('threat', threat, mission.threat.levels)
-    s.r[:] = _each_goal('ranges', ranges, 1, mission)
+    states[:, 1 : 1 + len(ranges)] = ranges
     s.g[:] = _each_goal('priorities', priorities, 2, mission)
     s.l[:] = np.arange(mission.grid.q)
     return policy.space.check(states)
+
+
+def _range_columns(policy: Policy, ranges: Sequence[int] | None, charge: int | None) -> IntArray:
+    """The variables that tell range."""
+    mission, full = policy.mission, np.array(policy.space.charged, np.int64)
+    if mission.range.charge is None:
+        if charge is not None:
+            raise ValueError(f'charge: {quoted(charge)}: mission {mission.name} has range flags')
+        return full * _each_goal('ranges', ranges, 1, mission)
+    if ranges is not None:
+        raise ValueError(f'ranges: {quoted(ranges)}: the charge tells what is in range')
+    return full if charge is None else np.array([charge])
 
 
 def _position(what: str, name: str, names: Sequence[str]) -> int:

@@ -27,7 +27,7 @@ from uav_mission_manager.cli.errors import (
     undisturbed,
 )
 from uav_mission_manager.echo import quoted, shown
-from uav_mission_manager.mdp import Mission, load_mission
+from uav_mission_manager.mdp import Mission, StateSpace, load_mission
 from uav_mission_manager.mdp.fields import positive
 from uav_mission_manager.nodes.transport import without_shared_memory
 from uav_mission_manager.paths import share_directory
@@ -170,7 +170,7 @@ def _fly(planned: DemoMission, logs: Path, speedup: float) -> FlightResult:
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     executor = SingleThreadedExecutor()
     try:
-        view = View(title, mission.k)
+        view = View(title, StateSpace.of(mission).names)
         view.start()
         flight = DemoFlight(mission, stack.crew_connection, view)
         executor.add_node(flight)

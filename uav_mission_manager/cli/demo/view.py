@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from textwrap import wrap
 
 from rich.console import Console
@@ -10,7 +11,8 @@ from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS
 
 LEGEND = (
     f'state: f fault mode, {", ".join(f"{n} {name}" for n, name in enumerate(FAULT_MODES, 1))}; '
-    'r of each goal, 1 in range; g of each goal, its priority 0 to 2; l cell; '
+    'r of each goal, 1 in range, or b, level of the charge; '
+    'g of each goal, its priority 0 to 2; l cell; '
     'c goal committed to, 0 none; '
     f't threat, {", ".join(f"{n} {name}" for n, name in enumerate(THREAT_LEVELS))}; '
     'm mode, 0 normal, 1 agile'
@@ -30,12 +32,12 @@ class View:
     Parameters
     ----------
     title : str
-    goals : int
-        Number of goals of the mission.
+    names : sequence of str
+        Of the variables of a state.
     """
 
-    def __init__(self, title: str, goals: int) -> None:
-        self.title, self.goals = title, goals
+    def __init__(self, title: str, names: Sequence[str]) -> None:
+        self.title, self.names = title, names
         self.epoch = 0
         self._console = Console()  # It knows whether this is a terminal, and how wide now.
 
@@ -43,7 +45,7 @@ class View:
         """Show title, legend and headings."""
         self._show(self.title)
         self._show(LEGEND)
-        state = ' '.join(('f', *'r' * self.goals, *'g' * self.goals, *'lctm'))
+        state = ' '.join(name[0] for name in self.names)
         self._show(ROW.format('epoch', state, 'command', 'position'))
 
     def decision(self, state: tuple[int, ...], command: str, reason: str, where: str) -> None:

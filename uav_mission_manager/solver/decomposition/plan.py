@@ -222,5 +222,5 @@ def _uncovered(mission: Mission, missing: BoolArray) -> str:
     elif not words:
         words = [f'goal {names[j]} at location {cell} in fault mode {FAULT_MODES[f]}']
     priorities = [2 * (goal == j) for goal in range(mission.k)]
-    state = [f + 1, *[1] * mission.k, *priorities, cell, 0, 0, 0]
+    state = [f + 1, *StateSpace.of(mission).charged, *priorities, cell, 0, 0, 0]
     return f'{", ".join(words)}, such as [{" ".join(map(str, state))}]'

@@ -198,9 +198,20 @@ def _energy(mission: Mission) -> Energy:
     return mission.energy
 
 
-def _epoch_energy(mission: Mission) -> float:
+def _epoch_energy(mission: Mission, agile: bool = False) -> float:
     """Energy of an epoch in the air [Wh]."""
-    return _energy(mission).power * epoch_length(mission) / SECONDS_PER_HOUR
+    energy = _energy(mission)
+    if not agile or energy.agile_power is energy.agile_speed is None:
+        return energy.power * epoch_length(mission) / SECONDS_PER_HOUR
+    length = mission.grid.cell_size / (energy.agile_speed or energy.speed)
+    return (energy.agile_power or energy.power) * length / SECONDS_PER_HOUR
+
+
+def _energy_drawn(flights: Flights) -> FloatArray:
+    agile = flights.regime_epochs[:, Regime.AGILE_FLIGHT]
+    normal = _air_epochs(flights) - agile
+    of_normal, of_agile = (_epoch_energy(flights.mission, mode) for mode in (False, True))
+    return np.asarray(normal * of_normal + agile * of_agile)
 
 
 def _air_epochs(flights: Flights) -> AnyArray:
@@ -235,7 +246,7 @@ MEASURED_MEANS: dict[str, Callable[[Flights], AnyArray]] = {
         flights.regime_epochs[:, Regime.AGILE_FLIGHT], flights
     ),
     'air_minutes': lambda flights: _minutes_of(_air_epochs(flights), flights),
-    'energy_wh': lambda flights: _air_epochs(flights) * _epoch_energy(flights.mission),
+    'energy_wh': _energy_drawn,
 }
 """What is counted in each flight, by its name in `Forecast.means`."""
 

@@ -37,10 +37,10 @@ SOLVE_TOLERANCE = 1e-6
 FieldPath = tuple[str | int, ...]
 """Keys and positions that lead to a number in a mission's document."""
 
-_COSTS = ('eta', 'delta', 'cost', 'distance_weight', 'service_cost')
+_COSTS = ('eta', 'delta', 'cost', 'empty_cost', 'distance_weight', 'service_cost')
 _FACTORS = ('agile_factor',)
 _PROBABILITIES = ('rate', 'completion', 'repair_success', 'loss', 'onset', 'zones', 'high_share')
-_DISTRIBUTIONS = ('priority_transition', 'from_low', 'from_high')
+_DISTRIBUTIONS = ('priority_transition', 'from_low', 'from_high', 'drain')
 _STAYS: dict[FieldPath, int] = {('from_low',): 1, ('from_high',): 2}
 
 
@@ -105,6 +105,8 @@ def _longer_horizon(document: dict[str, Any]) -> Parameter:
 def _numbers(node: Any, path: FieldPath = ()) -> Iterator[FieldPath]:
     """Paths to the numbers above 0 that a solution depends on; of a row all but the diagonal."""
     if isinstance(node, (dict, list)):
+        if node == [1.0]:  # The drain of a battery that lasts for ever.
+            return
         entries = node.items() if isinstance(node, dict) else enumerate(node)
         for key, entry in entries:
             yield from _numbers(entry, (*path, key))

@@ -89,6 +89,11 @@ class RowBackup:
         entries = self.q.reshape(-1)
         return float(np.minimum.reduce(entries)), float(np.maximum.reduce(entries))
 
+    def go_on(self, values: RealArray, further: float, first: int) -> None:
+        """Change W in these rows by so many times more than the backup did."""
+        np.multiply(self.q, further, self.q)
+        values[:, first : first + self.rows] += self.q
+
     def greedy(self, numbers: ActionTable, expected: ExogenousTables, first: int) -> None:
         """Write the numbers of the actions of least Q; of those that tie the lowest."""
         run_steps(self._minimise(expected, first))
@@ -194,16 +199,23 @@ class Sweeper:
         self.row_blocks = range(0, rows, block_rows)
         self.whole: list[ArrayStep] | None = None
 
-    def backup(self) -> tuple[float, float]:
-        """Replace W by its Bellman backup; return the least and the largest change."""
+    def backup(self, further: float = 0.0) -> tuple[float, float]:
+        """Replace W by its Bellman backup; return the least and the largest change.
+
+        Afterwards W is changed by `further` times that change.
+        """
         if len(self.row_blocks) == 1:
             if self.whole is None:
                 self.whole = self.exogenous[0].steps(self.values, self.expected, 0, 0)
                 self.whole += self.row_backups[0].steps(self.values, self.expected, 0)
-            run_steps(self.whole)
-            return self.row_backups[0].change()
+            return self._back_up(0, 0, further, self.whole)
         self.expect()
-        lows, highs = zip(*share(self._back_up, self.row_blocks, self.threads))
+
+        def back_up(worker: int, first: int) -> tuple[float, float]:
+            steps = self.row_backups[worker].steps(self.values, self.expected, first)
+            return self._back_up(worker, first, further, steps)
+
+        lows, highs = zip(*share(back_up, self.row_blocks, self.threads))
         return min(lows), max(highs)
 
     def greedy(self) -> ActionTable:
@@ -225,10 +237,15 @@ class Sweeper:
 
         share(fill, self.blocks, self.threads)
 
-    def _back_up(self, worker: int, first: int) -> tuple[float, float]:
+    def _back_up(
+        self, worker: int, first: int, further: float, steps: list[ArrayStep]
+    ) -> tuple[float, float]:
         row_backup = self.row_backups[worker]
-        run_steps(row_backup.steps(self.values, self.expected, first))
-        return row_backup.change()
+        run_steps(steps)
+        change = row_backup.change()
+        if further:
+            row_backup.go_on(self.values, further, first)
+        return change
 
 
 def _lower(least: RealArray, q: RealArray) -> None:

@@ -2,7 +2,8 @@
 
 W_{n+1} = T W_n, with T the Bellman backup, converges to W* at the rate of the discount. The
 sweeps stop on the bounds of `uav_mission_manager.solver.span_bounds`, long before the values stand
-still, and the result is shifted to their middle.
+still, and the result is shifted to their middle. Where they come closer but slowly, some go
+further (`uav_mission_manager.solver.exact.stride`).
 
 Early sweeps need few digits. With mixed precision they run in float32, at half the cost, until
 the span is no wider than rounding may be to blame for; the sweeps in float64 go on from there,
@@ -22,6 +23,7 @@ import numpy as np
 from uav_mission_manager.mdp.arrays import RealArray
 from uav_mission_manager.solver.exact.axis_model import AxisModel
 from uav_mission_manager.solver.exact.memory import check_memory
+from uav_mission_manager.solver.exact.stride import Stride
 from uav_mission_manager.solver.exact.sweep import ActionTable, Sweeper
 from uav_mission_manager.solver.progress import Progress, Report, ignore, share_of_decades
 from uav_mission_manager.solver.span_bounds import SpanBounds
@@ -175,7 +177,8 @@ def sweep(
     ----------
     sweeper : Sweeper
     stop : callable
-        Given the bounds reached and W, whether that was the last sweep.
+        Given the bounds reached and W, whether that was the last sweep; one that goes further
+        is followed by another.
     last : bool
         Whether no better precision follows.
 
@@ -185,12 +188,16 @@ def sweep(
         Of the last sweep.
     """
     model, values, span = sweeper.model, sweeper.values, np.inf
+    stride = Stride(model.sub.mission)
     while True:
-        bounds = SpanBounds(*sweeper.backup(), model.sub.mission.discount)
+        further = stride.further
+        bounds = SpanBounds(*sweeper.backup(further), model.sub.mission.discount)
         stalled = bounds.stalled(span) if last else bounds.residual <= model.rounding(values)
-        if stop(bounds, values) or stalled:
+        # Bounds are of a W that is a backup, and no more.
+        if (stop(bounds, values) or stalled) and not further:
             return bounds
-        span = bounds.span
+        stride.note(bounds)
+        span = np.inf if further else bounds.span
 
 
 def _start(model: AxisModel, values: RealArray | None) -> RealArray:
