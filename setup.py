@@ -14,9 +14,11 @@ COMMANDS = {
     'mission_new': 'cli.mission_new',
     'mission_simulate': 'cli.mission_simulate',
     'mission_check': 'cli.mission_check',
+    'mission_replay': 'cli.mission_replay',
     'demo': 'cli.demo',
     'manager': 'nodes.manager',
     'solver': 'nodes.solver',
+    'mission_record': 'nodes.mission_record',
     'mavlink_bridge': 'nodes.mavlink_bridge',
     'base_station': 'nodes.base_station',
     'sim_autopilot': 'autopilot.sim_autopilot',
@@ -70,6 +72,7 @@ setup(
         'cluster': requirements('-cluster'),  # policy_build --scheduler.
         'plan': requirements('-plan'),  # mission_new.
         'plot': requirements('-plot'),  # mission_simulate --plot.
+        'record': requirements('-record'),  # mission_record, mission_replay.
     },
     entry_points={
         'console_scripts': [

@@ -1,0 +1,117 @@
+"""What a bag tells of a flight: the manager's trace. Any rosbag2 bag is read, without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from uav_mission_manager.echo import shown
+from uav_mission_manager.onboard.recording import require_rosbags
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection
+
+TRACE = '/manager/trace'
+"""Topic of the trace, after the vehicle's namespace."""
+
+TEXT = 'std_msgs/msg/String'
+"""What a trace is of."""
+
+LOOSE_FILES = '.mcap', '.db3'
+"""How the files of a bag end, each of which may be read alone."""
+
+
+class TraceEntry(NamedTuple):
+    """An entry of a trace.
+
+    Attributes
+    ----------
+    seconds : float
+        Since the bag's beginning, when it was recorded.
+    text : str
+        See `uav_mission_manager.onboard.trace`.
+    """
+
+    seconds: float
+    text: str
+
+
+def recorded_trace(path: Path, vehicle: str | None) -> Iterator[TraceEntry]:
+    """Yield the entries of a vehicle's trace, in the order of their recording.
+
+    Parameters
+    ----------
+    path : Path
+        A folder with `metadata.yaml`, or one of its files.
+    vehicle : str or None
+        Its namespace, such as `/uav1`; None for the only one.
+
+    Raises
+    ------
+    ValueError
+        One line: it is no bag, cannot be read, or has no such trace.
+    """
+    require_rosbags()
+    _check_place(path)
+    try:
+        from rosbags.rosbag2 import Reader
+        from rosbags.typesys import Stores, get_typestore
+
+        store = get_typestore(Stores.ROS2_JAZZY)
+        with Reader(path) as reader:
+            found = _of_vehicle(path, reader.connections, vehicle)
+            for _, time, data in reader.messages(found):
+                message: Any = store.deserialize_cdr(data, TEXT)
+                yield TraceEntry((time - reader.start_time) * 1e-9, message.data)
+    except UnsuitableBagError:
+        raise
+    except Exception as error:  # The library lets through whatever a damaged file leads to.
+        why = f'{type(error).__name__}: {error}'
+        raise ValueError(f'{shown(path)}: not a bag that can be read: {shown(why)}') from error
+
+
+class UnsuitableBagError(ValueError):
+    """A bag that has not what is needed."""
+
+
+def _check_place(path: Path) -> None:
+    if path.is_dir():
+        if not (path / 'metadata.yaml').is_file():
+            raise ValueError(
+                f'{shown(path)}: no bag: it has no metadata.yaml; `ros2 bag reindex` makes one '
+                'for a recording that was cut off'
+            )
+    elif not path.exists():
+        raise ValueError(f'{shown(path)}: there is no such bag')
+    elif not (path.is_file() and path.suffix in LOOSE_FILES):
+        raise ValueError(f'{shown(path)}: no bag: neither a folder nor a file in MCAP or SQLite')
+
+
+def _of_vehicle(
+    path: Path, connections: Sequence[Connection], vehicle: str | None
+) -> list[Connection]:
+    """Return the connections of one vehicle's trace."""
+    traces = {
+        each.topic.removesuffix(TRACE)
+        for each in connections
+        if each.topic.endswith(TRACE) and each.msgtype == TEXT
+    }
+    names = ', '.join(sorted(name or '/' for name in traces))
+    if not traces:
+        topics = ', '.join(sorted(each.topic for each in connections)) or 'nothing'
+        raise UnsuitableBagError(
+            f'{shown(path)}: no manager/trace in it, which mission_record records; '
+            f'it has {shown(topics)}'
+        )
+    if vehicle is None and len(traces) > 1:
+        raise UnsuitableBagError(
+            f'{shown(path)}: of several vehicles: {shown(names)}; choose one by --namespace'
+        )
+    chosen = traces.pop() if vehicle is None else vehicle.rstrip('/')
+    found = [each for each in connections if each.topic == chosen + TRACE]
+    if not found:
+        raise UnsuitableBagError(
+            f'--namespace: {shown(vehicle)} is not in {shown(path)}, which is of {shown(names)}'
+        )
+    return found
