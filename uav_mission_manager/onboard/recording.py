@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import yaml
 
@@ -26,7 +26,7 @@ PART_SIZE = 2 * 2**20
 """Bytes of messages after which the next part begins: a choice, a minute of flight; what is
 written at each save is no more, and is compressed."""
 
-FORMAT_VERSION = 9
+FORMAT_VERSION: Final = 9
 """Version of rosbag2's format: that of ROS 2 Jazzy."""
 
 MOST_FOLDERS = 10_000

@@ -30,6 +30,7 @@ from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.mdp import Mission, load_mission
 from uav_mission_manager.mdp.fields import positive
 from uav_mission_manager.nodes.transport import without_shared_memory
+from uav_mission_manager.onboard.recording import require_rosbags
 from uav_mission_manager.paths import share_directory
 from uav_mission_manager.policy import build_policy, load_policy
 
@@ -110,6 +111,14 @@ def _parser() -> CommandParser:
         help='simulated seconds per second; default: %(default)g',
     )
     parser.add_argument('--logs', type=Path, help='directory for the logs; default: a new one')
+    recording = parser.add_mutually_exclusive_group()
+    recording.add_argument(
+        '--record',
+        type=Path,
+        metavar='DIR',
+        help='directory for the bags, one a mission; default: that of the logs',
+    )
+    recording.add_argument('--no-record', action='store_true', help='make no bags')
     return parser
 
 
@@ -125,13 +134,18 @@ def _demonstrate(options: argparse.Namespace) -> int:
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_DOMAIN_ID', str(random.randint(1, 100)))
     logs = options.logs or Path(tempfile.mkdtemp(prefix='uav-demo-'))
+    bags = _place_of_bags(options, logs)
     missions = [_own(options.policy, options.speedup)] if options.policy else _cases()
     results: list[FlightResult] = []
     for mission in missions:
-        results.append(_fly(mission, logs / mission.folder, options.speedup))
+        bag = bags and bags / mission.folder
+        results.append(_fly(mission, logs / mission.folder, options.speedup, bag))
         if not results[-1].good:
             break
     _summarise(results, logs)
+    if bags is not None:
+        policy = mission.policy or logs / mission.folder / 'policy'
+        print(f'bags: {bags}; to decide anew: mission_replay {bag} --policy {policy}')
     return 0 if all(result.good for result in results) else 1
 
 
@@ -155,7 +169,21 @@ def _own(policy: Path, speedup: float) -> DemoMission:
     return DemoMission(title, 'mission', own_mission, mission, policy, limit)
 
 
-def _fly(planned: DemoMission, logs: Path, speedup: float) -> FlightResult:
+def _place_of_bags(options: argparse.Namespace, logs: Path) -> Path | None:
+    """Where to record the flights, None for nowhere."""
+    if options.no_record:
+        return None
+    try:
+        require_rosbags()
+    except ValueError as error:
+        if options.record is not None:
+            raise ValueError(f'--record: {error}') from error
+        print(f'not recorded: {error}')
+        return None
+    return options.record or logs / 'bags'
+
+
+def _fly(planned: DemoMission, logs: Path, speedup: float, bag: Path | None) -> FlightResult:
     """Build the policy, start the processes and fly one mission."""
     start = time.monotonic()
     mission, title = planned.mission, planned.title
@@ -165,7 +193,7 @@ def _fly(planned: DemoMission, logs: Path, speedup: float) -> FlightResult:
     policy = planned.policy or logs / 'policy'
     if planned.policy is None:
         build_policy(mission).save(policy)
-    stack = Stack(mission_file, policy, logs, speedup)
+    stack = Stack(mission_file, policy, logs, speedup, bag)
     without_shared_memory()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     executor = SingleThreadedExecutor()
@@ -193,6 +221,7 @@ def _play(
     planned: DemoMission, flight: DemoFlight, stack: Stack, executor: SingleThreadedExecutor
 ) -> str:
     """Play the script to its end; return what went wrong, if anything."""
+    recording = True
     for what, reached in planned.script(flight):
         limit = time.monotonic() + planned.limit
         while not reached():
@@ -203,6 +232,9 @@ def _play(
                 flight.view.event(f'ended: {who}; watching what the rest does')
                 _watch(flight, stack, executor)
                 return f'{who} ended while waiting for {what}'
+            if recording and stack.recording_failed:
+                recording = False
+                flight.view.event(f'no longer recorded: see mission_record.log in {stack.logs}')
             if time.monotonic() > limit:
                 return f'no sign of {what} within {planned.limit:.0f} s'
     return ''

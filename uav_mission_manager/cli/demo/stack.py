@@ -32,6 +32,9 @@ MANAGER_PARAMETERS = {'command_dwell': 0.5}
 ALONE = {'listening_time': 0.0}
 """Parameters of nodes that are alone in their namespace."""
 
+RECORDER = 'mission_record'
+"""The process that nobody depends on."""
+
 
 class Stack:
     """Starts the processes of one mission, watches them and ends them.
@@ -44,9 +47,14 @@ class Stack:
         Directory for the log files, one for each process.
     speedup : float
         Simulated seconds per second.
+    bag : path, optional
+        Where to record it; None for nowhere.
     """
 
-    def __init__(self, mission: Path, policy: Path, logs: Path, speedup: float) -> None:
+    def __init__(
+        self, mission: Path, policy: Path, logs: Path, speedup: float, bag: Path | None = None
+    ) -> None:
+        self._bag = bag
         self.mission, self.policy, self.logs, self.speedup = mission, policy, logs, speedup
         logs.mkdir(parents=True, exist_ok=True)
         # New for each flight: what is there now would be gone on with by the nodes.
@@ -62,6 +70,8 @@ class Stack:
 
         `origin` is the home position, latitude,longitude,altitude; `speed` the cruise speed [m/s].
         """
+        if self._bag is not None:
+            self._start_node(RECORDER, bag=self._bag)
         self._start(
             'sim_autopilot',
             'autopilot.sim_autopilot',
@@ -83,9 +93,15 @@ class Stack:
         self._start_node('base_station', **mission, **ALONE)
 
     def ended(self) -> dict[str, int]:
-        """Exit codes of the processes that are no longer there, by name."""
+        """Exit codes of the processes of the chain that are no longer there, by name."""
         codes = {name: process.poll() for name, process in self.processes.items()}
-        return {name: code for name, code in codes.items() if code is not None}
+        return {n: code for n, code in codes.items() if code is not None and n != RECORDER}
+
+    @property
+    def recording_failed(self) -> bool:
+        """Whether nothing is recorded any more that should be."""
+        recorder = self.processes.get(RECORDER)
+        return recorder is not None and recorder.poll() is not None
 
     def stop(self) -> None:
         """End everything, the vehicle last."""
