@@ -17,7 +17,8 @@ def print_replay(answer: dict[str, Any]) -> None:
     """Print what `mission_replay` found."""
     policy, flown = answer['policy'], answer['flown_by']
     print(f'{shown(answer["bag"])}: {answer["seconds"]:.1f} s of {answer["mission"]}')
-    print(f'recorded by {", ".join(digest[:DIGITS] for digest in flown) or "no policy"}')
+    names = [digest[:DIGITS] or 'a policy without files' for digest in flown]
+    print(f'recorded by {", ".join(names) or "nobody"}')
     print(f'replayed by {policy["digest"][:DIGITS]}, {policy["method"]}: {policy["directory"]}')
     differences = answer['differences']
     for difference in differences[:MOST_SHOWN]:

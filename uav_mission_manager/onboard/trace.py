@@ -30,6 +30,9 @@ STATE_PERIOD = 5.0
 """Time [s] between two states in a trace: a choice, the most of a flight that is not replayed when
 its recording begins in the middle of it."""
 
+RUN_DIGITS = 8
+"""Of the name of a run: a choice, enough to tell the few of a recording apart."""
+
 NOT_UNDERSTOOD = LookupError, TypeError, AttributeError, RecursionError, json.JSONDecodeError
 """What is raised where an entry is not as it should be."""
 
@@ -63,7 +66,7 @@ class TraceWriter:
 
     def __init__(self, core: MissionManager, now: float) -> None:
         self._core = core
-        self._run, self._number = uuid.uuid4().hex, 0
+        self._run, self._number = uuid.uuid4().hex[:RUN_DIGITS], 0
         self._events: list[list[Any]] = []
         self._last: object = None
         self._keep_state(now)
