@@ -82,6 +82,8 @@ def _check_place(path: Path) -> None:
                 f'{shown(path)}: no bag: it has no metadata.yaml; `ros2 bag reindex` makes one '
                 'for a recording that was cut off'
             )
+        if odd := [each.name for each in path.iterdir() if not (each.is_file() or each.is_dir())]:
+            raise ValueError(f'{shown(path)}: {shown(odd[0])} is no regular file')
     elif not path.exists():
         raise ValueError(f'{shown(path)}: there is no such bag')
     elif not (path.is_file() and path.suffix in LOOSE_FILES):
