@@ -34,8 +34,9 @@ CASE_STUDY = {
         ('nodes.base_station', 'nodes.mavlink_bridge', 'nodes.solver'),
         f'mission:={ROOT}/config/case_study.yaml',
     ),
+    'nodes.mission_record': 'bag:=$ROS_HOME/bag',
 }
-"""Parameters that nodes need, for the shipped mission."""
+"""Parameters that nodes need, for the shipped mission and a folder of the test's."""
 
 LIMIT = 60.0
 """Seconds before a condition that never comes true fails the test."""

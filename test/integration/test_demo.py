@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import signal
@@ -12,6 +13,8 @@ from pathlib import Path
 
 import pytest
 from ros_helpers import ROOT, ros_domain
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
 
 LIMIT = 180
 ON_SITE = '1 1 2 5 1 0 0'
@@ -88,6 +91,30 @@ def alive(pid: int) -> bool:
     return True
 
 
+def assert_replays(logs: Path, mission: str, commands: set[str]) -> None:
+    """What was recorded is decided anew bit for bit, with these commands in it."""
+    bag, policy = str(logs / 'bags' / mission), str(logs / mission / 'policy')
+    module = 'uav_mission_manager.cli.mission_replay'
+    done = subprocess.run(
+        [sys.executable, '-m', module, bag, '--policy', policy, '--json'],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=LIMIT,
+        check=True,
+    )
+    answer = json.loads(done.stdout)
+    assert answer['decisions'] == answer['identical'] > 100
+    assert (answer['gaps'], answer['not_replayed'], answer['manager_starts']) == (0, 0, 1)
+    assert answer['flown_by'] == [answer['policy']['digest']]
+    store, kind = get_typestore(Stores.ROS2_JAZZY), 'diagnostic_msgs/msg/DiagnosticArray'
+    with Reader(bag) as reader:
+        [decisions] = (c for c in reader.connections if c.topic.endswith('/manager/decision'))
+        told = [store.deserialize_cdr(m, kind) for _, _, m in reader.messages([decisions])]
+    values = [pair for each in told for pair in each.status[0].values]
+    assert commands <= {pair.value for pair in values if pair.key == 'command'}
+
+
 def test_both_missions_end_with_every_goal_achieved_and_the_vehicle_home(demo):
     assert demo.finish() == 0, demo.text
     assert 'Case I: one goal: 1 of 1 goals achieved, vehicle home and disarmed' in demo.text
@@ -99,6 +126,8 @@ def test_both_missions_end_with_every_goal_achieved_and_the_vehicle_home(demo):
         'out of range: goal1',
     ):
         assert happening in demo.text, demo.text
+    assert_replays(demo.logs, 'case_one', {'none normal', 'commit goal1 normal', 'none agile'})
+    assert_replays(demo.logs, 'case_study', {'commit goal2 agile', 'repair', 'recharge'})
 
 
 def test_without_manager_the_bridge_holds_then_returns_to_launch(demo):

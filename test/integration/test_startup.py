@@ -101,7 +101,7 @@ def test_an_unknown_quality_of_service_is_refused(start: Start) -> None:
     assert 'Traceback' not in process.output
 
 
-@pytest.mark.parametrize('node', NODES)
+@pytest.mark.parametrize('node', sorted(set(NODES) - {'mission_record'}))
 def test_there_is_no_silent_mission(start: Start, node: str) -> None:
     assert f'--ros-args -p {CASE_STUDY[f"nodes.{node}"]} ' in the_line(start(node))
 

@@ -35,7 +35,7 @@ ROSDEP_KEYS = {
     'argcomplete': 'python3-argcomplete',
 }
 OPTIONAL = {'threadpoolctl'}  # rosdep has no key for it.
-OF_AN_EXTRA = {'shapely', 'defusedxml'}  # Of `mission_new` alone, which asks for them.
+OF_AN_EXTRA = {'shapely', 'defusedxml', 'rosbags'}  # Commands that need them ask for them.
 PYPI_NAMES = {'yaml': 'pyyaml', 'serial': 'pyserial'}  # Where the import is called otherwise.
 
 
@@ -149,6 +149,7 @@ def test_every_command_says_the_version(command, capsys):
         ('cluster', '-cluster'),
         ('plan', '-plan'),
         ('plot', '-plot'),
+        ('record', '-record'),
     ],
 )
 def test_pip_installs_what_a_requirements_file_names(metadata, extra, which):

@@ -14,10 +14,10 @@ from uav_mission_manager.cli.replay_view import print_replay
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import Mission, global_actions
 from uav_mission_manager.onboard import format_command
-from uav_mission_manager.onboard.trace import Outcome, Replay, ReplayedStep, outcome_values
+from uav_mission_manager.onboard.trace import RecordedOutcome, Replay, ReplayedStep, outcome_values
 from uav_mission_manager.policy import Policy, load_policy
 
-FORMAT = 1
+REPLAY_FORMAT = 1
 """Of the JSON; it changes when a reader of it has to."""
 
 
@@ -64,7 +64,7 @@ def _answer(bag: str, vehicle: str | None, policy: Policy) -> dict[str, Any]:
         except ValueError as error:
             raise ValueError(f'{shown(bag)}: at {seconds:.2f} s: {error}') from error
     return {
-        'format': FORMAT,
+        'format': REPLAY_FORMAT,
         'bag': bag,
         'mission': policy.mission.name,
         'policy': {'method': policy.method, 'digest': policy.digest},
@@ -117,7 +117,7 @@ class Comparison:
         self.differences[-1]['decisions'] += 1
         self.differences[-1]['until'] = seconds
 
-    def _told(self, outcome: Outcome) -> dict[str, Any]:
+    def _told(self, outcome: RecordedOutcome) -> dict[str, Any]:
         """Return an outcome with its command, in values that JSON has."""
         if 'refused' in outcome:
             return outcome

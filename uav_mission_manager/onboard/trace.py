@@ -36,11 +36,11 @@ RUN_DIGITS = 8
 NOT_UNDERSTOOD = LookupError, TypeError, AttributeError, RecursionError, json.JSONDecodeError
 """What is raised where an entry is not as it should be."""
 
-Outcome = dict[str, Any]
+RecordedOutcome = dict[str, Any]
 """What was decided, or `{'refused': REASON}`, as JSON values."""
 
 
-def outcome_values(outcome: Decision | Refusal) -> Outcome:
+def outcome_values(outcome: Decision | Refusal) -> RecordedOutcome:
     """Return what a step led to."""
     if isinstance(outcome, Refusal):
         return {'refused': outcome.reason}
@@ -133,7 +133,7 @@ class ReplayedStep:
     """
 
     now: float
-    recorded: Outcome
+    recorded: RecordedOutcome
     replayed: Decision | Refusal
 
 
@@ -158,7 +158,7 @@ class Replay:
         self._policy = policy
         self._core: MissionManager | None = None
         self._place: tuple[str, int] = '', -1
-        self._recorded: Outcome | None = None
+        self._recorded: RecordedOutcome | None = None
         self.policies: list[str] = []
         self.runs = self.gaps = self.skipped = 0
 
@@ -210,7 +210,7 @@ class Replay:
             self.policies.append(digest)
 
     def _step(
-        self, core: MissionManager, now: float, outcome: Outcome | None = None
+        self, core: MissionManager, now: float, outcome: RecordedOutcome | None = None
     ) -> Iterator[ReplayedStep]:
         self._recorded = outcome or self._recorded
         if self._recorded is None:
