@@ -140,34 +140,58 @@ def test_a_name_that_is_taken_is_counted_up(tmp_path: Path) -> None:
 
 
 WRITER = """
-import sys
+import os, sys
 from pathlib import Path
 from uav_mission_manager.onboard import recording
-recording.PART_SIZE = 20_000
+recording.PART_SIZE = 100 * int(sys.argv[2])
 bag = recording.Recording(Path(sys.argv[1]))
 bag.add_topic('/a', 'std_msgs/msg/String')
-number = 0
+number, size = 0, int(sys.argv[2])
 while True:
     for _ in range(20):
-        bag.add('/a', 10**18 + number, number.to_bytes(200, 'little'))
+        bag.add('/a', 10**18 + number, number.to_bytes(8, 'little') + os.urandom(size))
         number += 1
     bag.save()
     print(number, flush=True)
 """
 
 
+def numbers_in(bag: Path) -> list[int]:
+    return [int.from_bytes(data[:8], 'little') for _, _, data in messages(bag)]
+
+
 @pytest.mark.parametrize('saves', range(1, 13))
 def test_killed_at_any_moment_it_has_all_that_was_saved(tmp_path: Path, saves: int) -> None:
     with subprocess.Popen(
-        [sys.executable, '-c', WRITER, str(tmp_path)], stdout=subprocess.PIPE, text=True
+        [sys.executable, '-c', WRITER, str(tmp_path), '200'], stdout=subprocess.PIPE, text=True
     ) as process:
         lines = [process.stdout.readline() for _ in range(saves)]
         process.send_signal(signal.SIGKILL)
         lines += process.stdout.readlines()
     saved = int([line for line in lines if line.endswith('\n')][-1])
-    numbers = [int.from_bytes(data, 'little') for _, _, data in messages(tmp_path)]
+    numbers = numbers_in(tmp_path)
     assert numbers == list(range(len(numbers)))
     assert saved <= len(numbers) <= saved + 20
+
+
+@pytest.mark.parametrize('name', ['metadata.yaml', '{}_0.mcap'])
+@pytest.mark.parametrize('attempt', range(3))
+def test_killed_as_soon_as_a_file_changes_it_is_whole(
+    tmp_path: Path, name: str, attempt: int
+) -> None:
+    """What is written in place is found half-written then."""
+    file = tmp_path / name.format(tmp_path.name)
+    with subprocess.Popen(
+        [sys.executable, '-c', WRITER, str(tmp_path), '40000'], stdout=subprocess.PIPE, text=True
+    ) as process:
+        process.stdout.readline()
+        before = os.stat(file)
+        while (after := os.stat(file)).st_ino == before.st_ino and after.st_size == before.st_size:
+            pass
+        process.send_signal(signal.SIGKILL)
+        process.stdout.readlines()
+    numbers = numbers_in(tmp_path)
+    assert numbers == list(range(len(numbers))) != []
 
 
 FULL = """

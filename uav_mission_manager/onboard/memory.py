@@ -74,7 +74,6 @@ def situation_now(situation: Situation) -> dict[str, Any]:
     return {
         'position': situation.position,
         'seen': dict(situation.seen),
-        'known': sorted(situation.known),
         'time': situation.time,
         'batteries': {name: asdict(b) for name, b in situation.batteries.by_id.items()},
     }
@@ -93,7 +92,6 @@ def as_it_was(situation: Situation, now: Mapping[str, Any]) -> Situation:
         situation,
         position=None if position is None else tuple(position),
         seen=dict(now['seen']),
-        known=frozenset(now['known']),
         time=float(now['time']),
         batteries=Batteries(
             {
