@@ -142,7 +142,10 @@ def test_without_manager_the_bridge_holds_then_returns_to_launch(demo):
 
 
 def test_without_autopilot_the_manager_reports_the_lost_link_and_falls_silent(demo):
+    """Without a recorder it flies on."""
     pids = demo.pids()
+    os.kill(pids['mission_record'], signal.SIGKILL)
+    demo.until('no longer recorded')
     demo.until(ON_SITE)
     os.kill(pids['sim_autopilot'], signal.SIGKILL)
     demo.until('(silent)')

@@ -21,7 +21,7 @@ from std_msgs.msg import String, UInt8MultiArray
 from visualization_msgs.msg import MarkerArray
 
 from uav_mission_manager.nodes.clocks import safety_clock
-from uav_mission_manager.nodes.failures import FatalError
+from uav_mission_manager.nodes.failures import FatalError, one_line
 from uav_mission_manager.nodes.parameters import NodeParameter, declare
 from uav_mission_manager.nodes.runtime import run_node
 from uav_mission_manager.onboard.recording import Recording, new_folder, require_rosbags
@@ -132,8 +132,8 @@ class MissionRecord(Node):
             ended = self._ended.wait(SAVE_PERIOD)
             try:
                 self._recording.save()
-            except OSError as error:
-                self._trouble = str(error)
+            except Exception as error:  # Whatever it is, it must not stay unheard in a thread.
+                self._trouble = one_line(error)
 
 
 def type_name(kind: Any) -> str:

@@ -203,6 +203,8 @@ def _fly(planned: DemoMission, logs: Path, speedup: float, bag: Path | None) -> 
         flight = DemoFlight(mission, stack.crew_connection, view)
         executor.add_node(flight)
         stack.start(_origin(mission), mission.energy.speed if mission.energy else None)
+        if bag is not None:
+            view.event(f'recorded in {bag}')
         view.event('pids ' + ', '.join(f'{n} {p.pid}' for n, p in stack.processes.items()))
         failure = _play(planned, flight, stack, executor)
         achieved = len(flight.asked & set(flight.completed))
