@@ -35,7 +35,7 @@ def test_without_the_library_it_flies_all_the_same_unless_told_to_record(
     monkeypatch.setattr(recording, 'find_spec', lambda name: None)
     assert place() is None
     assert capsys.readouterr().out == 'not recorded: needs rosbags: pip install rosbags\n'
-    with pytest.raises(ValueError, match='^--record: needs rosbags'):
+    with pytest.raises(ValueError, match=r'^--record: needs rosbags'):
         place('--record', '/there')
     assert place('--no-record') is None
     assert capsys.readouterr().out == ''

@@ -12,7 +12,7 @@ from random_trace import STEPS, Recorded
 
 from uav_mission_manager import build_policy, load_mission
 from uav_mission_manager.onboard import Refusal
-from uav_mission_manager.onboard.trace import STATE_PERIOD, Replay, ReplayedStep
+from uav_mission_manager.onboard.trace import STATE_PERIOD, Replay, ReplayedStep, outcome_values
 from uav_mission_manager.policy import Decision, Policy
 
 MISSION = load_mission(Path(__file__).parents[2] / 'config' / 'case_study.yaml')
@@ -74,6 +74,19 @@ def test_a_recording_may_begin_and_have_gaps_anywhere(policy: Policy, seed: int)
     assert 0 < replay.skipped < len(flight.outcomes)
     remaining = iter(flight.outcomes)
     assert all(outcome in remaining for outcome in there)  # In order, and none of its own.
+
+
+def test_two_managers_at_once_are_kept_apart(policy: Policy) -> None:
+    flights = Recorded(policy, 1), Recorded(policy, 2)
+    mixed = [entry for pair in zip(*(flight.entries for flight in flights)) for entry in pair]
+    replay = Replay(policy)
+    for entry in mixed:
+        for step in replay.take(entry):
+            if 'refused' in step.recorded:
+                assert isinstance(step.replayed, Refusal)
+            else:
+                assert outcome_values(step.replayed) == step.recorded
+    assert (replay.gaps, replay.skipped) == (0, 0)
 
 
 def test_another_policy_decides_otherwise(policy: Policy, other_policy: Policy) -> None:

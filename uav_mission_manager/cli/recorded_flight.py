@@ -37,6 +37,10 @@ class TraceEntry(NamedTuple):
     text: str
 
 
+class UnsuitableBagError(ValueError):
+    """A bag that has not what is needed."""
+
+
 def recorded_trace(path: Path, vehicle: str | None) -> Iterator[TraceEntry]:
     """Yield the entries of a vehicle's trace, in the order of their recording.
 
@@ -64,15 +68,11 @@ def recorded_trace(path: Path, vehicle: str | None) -> Iterator[TraceEntry]:
             for _, time, data in reader.messages(found):
                 message: Any = store.deserialize_cdr(data, TEXT)
                 yield TraceEntry((time - reader.start_time) * 1e-9, message.data)
-    except UnsuitableBagError:
+    except (UnsuitableBagError, MemoryError):
         raise
     except Exception as error:  # The library lets through whatever a damaged file leads to.
         why = f'{type(error).__name__}: {error}'
         raise ValueError(f'{shown(path)}: not a bag that can be read: {shown(why)}') from error
-
-
-class UnsuitableBagError(ValueError):
-    """A bag that has not what is needed."""
 
 
 def _check_place(path: Path) -> None:

@@ -25,7 +25,6 @@ from uav_mission_manager.nodes.failures import FatalError, one_line
 from uav_mission_manager.nodes.parameters import NodeParameter, declare
 from uav_mission_manager.nodes.runtime import run_node
 from uav_mission_manager.onboard.recording import Recording, new_folder, require_rosbags
-from uav_mission_manager.paths import expanded
 
 PARAMETERS = (
     NodeParameter(
@@ -81,7 +80,7 @@ class MissionRecord(Node):
         settings = declare(self, PARAMETERS)
         require_rosbags()
         path = settings.bag or time.strftime('mission_%Y-%m-%d_%H-%M-%S')
-        folder = new_folder(Path.cwd() / expanded(path))
+        folder = new_folder(Path.cwd() / path)
         self._recording = Recording(folder)
         self._subscriptions_by_topic: dict[str, tuple[QoSProfile, Subscription]] = {}
         # Bags are in order of the system's time, which may be set: from here on, it is not asked.

@@ -137,6 +137,22 @@ class ReplayedStep:
     replayed: Decision | Refusal
 
 
+@dataclass
+class _Run:
+    """A manager from its start on: what it knew, decided last, and says next."""
+
+    core: MissionManager | None = None
+    recorded: RecordedOutcome | None = None
+    next_number: int = 0
+
+    def step(self, now: float, outcome: RecordedOutcome | None = None) -> ReplayedStep:
+        """Decide as it did then."""
+        self.recorded = outcome or self.recorded
+        if self.core is None or self.recorded is None:
+            raise LookupError('a first decision')
+        return ReplayedStep(now, self.recorded, self.core.step(now))
+
+
 class Replay:
     """Decides anew what a trace tells of, by any policy of the same goals and grid.
 
@@ -148,19 +164,20 @@ class Replay:
     ----------
     policies : list of str
         Digests of the policy sets that were flown, in order.
-    runs, gaps : int
-        How often a manager was started, and how often entries are missing.
-    skipped : int
-        Decisions that no state came before.
+    gaps, skipped : int
+        How often entries are missing, and how many decisions no state came before.
     """
 
     def __init__(self, policy: Policy) -> None:
         self._policy = policy
-        self._core: MissionManager | None = None
-        self._place: tuple[str, int] = '', -1
-        self._recorded: RecordedOutcome | None = None
+        self._runs: dict[str, _Run] = {}
         self.policies: list[str] = []
-        self.runs = self.gaps = self.skipped = 0
+        self.gaps = self.skipped = 0
+
+    @property
+    def runs(self) -> int:
+        """How often a manager was started."""
+        return len(self._runs)
 
     def take(self, text: str) -> Iterator[ReplayedStep]:
         """Go on with an entry; yield the decisions in it.
@@ -172,50 +189,42 @@ class Replay:
         """
         try:
             entry = json.loads(text)
-            self._begin(str(entry['run']), int(entry['number']))
+            run = self._run(str(entry['run']), int(entry['number']))
             for kind, *values in entry['events']:
                 if kind == 'state':
-                    self._know(*values)
-                elif self._core is None:
+                    self._know(run, *values)
+                elif run.core is None:
                     self.skipped += kind == 'step'
                 elif kind == 'step':
-                    yield from self._step(self._core, *values)
+                    yield run.step(*values)
                 else:
-                    self._change(self._core, kind, *values)
+                    self._change(run.core, kind, *values)
         except (*NOT_UNDERSTOOD, InputError) as error:
             raise ValueError(f'no entry of a trace: {error!r}') from error
 
-    def _begin(self, run: str, number: int) -> None:
-        """Know nothing where this entry does not follow the last one."""
-        before, self._place = self._place, (run, number)
-        if self._place == (before[0], before[1] + 1):
-            return
-        self.runs += run != before[0]
-        self.gaps += number > 0
-        self._core = self._recorded = None
+    def _run(self, name: str, number: int) -> _Run:
+        """Return whose entry this is; it knows nothing after a gap."""
+        run = self._runs.setdefault(name, _Run())
+        if number != run.next_number:
+            self.gaps += 1
+            run.core = run.recorded = None
+        run.next_number = number + 1
+        return run
 
-    def _know(self, state: dict[str, Any]) -> None:
+    def _know(self, run: _Run, state: dict[str, Any]) -> None:
         if state['goals'] != goals_hash(self._policy.mission):
             raise ValueError(
                 'recorded in a mission with other goals or another grid than '
                 f'{self._policy.mission.name}'
             )
         self._flown_by(state['policy'])
-        if self._core is None:
+        if run.core is None:
             settings = ManagerSettings(**state['settings'])
-            self._core = MissionManager(self._policy, settings, state['memory'])
+            run.core = MissionManager(self._policy, settings, state['memory'])
 
     def _flown_by(self, digest: str) -> None:
         if self.policies[-1:] != [digest]:
             self.policies.append(digest)
-
-    def _step(
-        self, core: MissionManager, now: float, outcome: RecordedOutcome | None = None
-    ) -> Iterator[ReplayedStep]:
-        self._recorded = outcome or self._recorded
-        if self._recorded is None:
-            raise LookupError('a first decision')
-        yield ReplayedStep(now, self._recorded, core.step(now))
 
     def _change(self, core: MissionManager, kind: str, *values: Any) -> None:
         if kind == 'hear':
