@@ -76,6 +76,13 @@ def test_a_recording_may_begin_and_have_gaps_anywhere(policy: Policy, seed: int)
     assert all(outcome in remaining for outcome in there)  # In order, and none of its own.
 
 
+def test_what_is_heard_twice_counts_once(policy: Policy) -> None:
+    flight, replay = Recorded(policy, 1), Replay(policy)
+    twice = [*flight.entries[:200], *flight.entries[150:200], *flight.entries[200:]]
+    assert [s.replayed for entry in twice for s in replay.take(entry)] == flight.outcomes
+    assert replay.gaps == 0
+
+
 def test_two_managers_at_once_are_kept_apart(policy: Policy) -> None:
     flights = Recorded(policy, 1), Recorded(policy, 2)
     mixed = [entry for pair in zip(*(flight.entries for flight in flights)) for entry in pair]

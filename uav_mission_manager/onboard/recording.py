@@ -8,7 +8,7 @@ there at the last save is read by whoever reads bags, without a repair.
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -45,16 +45,22 @@ def require_rosbags() -> None:
         raise ValueError('needs rosbags: pip install rosbags')
 
 
+def bag_names(path: Path) -> Iterator[Path]:
+    """Yield names for a bag: this one, and with -2, -3 and so on after it."""
+    yield path
+    for number in range(2, MOST_FOLDERS):
+        yield path.with_name(f'{path.name}-{number}')
+
+
 def new_folder(path: Path) -> Path:
-    """Make a folder of this name, or with -2, -3 and so on after it, and return it.
+    """Make a folder of the first of its `bag_names` that is not taken, and return it.
 
     Raises
     ------
     ValueError, OSError
         If it cannot be made.
     """
-    for number in range(1, MOST_FOLDERS):
-        folder = path if number == 1 else path.with_name(f'{path.name}-{number}')
+    for folder in bag_names(path):
         try:
             folder.mkdir(parents=True)
         except FileExistsError:

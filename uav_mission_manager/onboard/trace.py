@@ -145,6 +145,14 @@ class _Run:
     recorded: RecordedOutcome | None = None
     next_number: int = 0
 
+    def skips_to(self, number: int) -> bool:
+        """Go on with an entry; return whether it comes after a gap, so that nothing is known."""
+        gap = number > self.next_number
+        if gap:
+            self.core = self.recorded = None
+        self.next_number = number + 1
+        return gap
+
     def step(self, now: float, outcome: RecordedOutcome | None = None) -> ReplayedStep:
         """Decide as it did then."""
         self.recorded = outcome or self.recorded
@@ -189,7 +197,10 @@ class Replay:
         """
         try:
             entry = json.loads(text)
-            run = self._run(str(entry['run']), int(entry['number']))
+            number, run = int(entry['number']), self._runs.setdefault(str(entry['run']), _Run())
+            if number < run.next_number:  # Heard twice.
+                return
+            self.gaps += run.skips_to(number)
             for kind, *values in entry['events']:
                 if kind == 'state':
                     self._know(run, *values)
@@ -201,15 +212,6 @@ class Replay:
                     self._change(run.core, kind, *values)
         except (*NOT_UNDERSTOOD, InputError) as error:
             raise ValueError(f'no entry of a trace: {error!r}') from error
-
-    def _run(self, name: str, number: int) -> _Run:
-        """Return whose entry this is; it knows nothing after a gap."""
-        run = self._runs.setdefault(name, _Run())
-        if number != run.next_number:
-            self.gaps += 1
-            run.core = run.recorded = None
-        run.next_number = number + 1
-        return run
 
     def _know(self, run: _Run, state: dict[str, Any]) -> None:
         if state['goals'] != goals_hash(self._policy.mission):

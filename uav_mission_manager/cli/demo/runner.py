@@ -30,7 +30,7 @@ from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.mdp import Mission, load_mission
 from uav_mission_manager.mdp.fields import positive
 from uav_mission_manager.nodes.transport import without_shared_memory
-from uav_mission_manager.onboard.recording import require_rosbags
+from uav_mission_manager.onboard.recording import bag_names, require_rosbags
 from uav_mission_manager.paths import share_directory
 from uav_mission_manager.policy import build_policy, load_policy
 
@@ -138,14 +138,15 @@ def _demonstrate(options: argparse.Namespace) -> int:
     missions = [_own(options.policy, options.speedup)] if options.policy else _cases()
     results: list[FlightResult] = []
     for mission in missions:
-        bag = bags and bags / mission.folder
-        results.append(_fly(mission, logs / mission.folder, options.speedup, bag))
+        folder = mission.folder
+        bag = bags and next(place for place in bag_names(bags / folder) if not place.exists())
+        results.append(_fly(mission, logs / folder, options.speedup, bag))
         if not results[-1].good:
             break
     _summarise(results, logs)
     if bags is not None:
         policy = mission.policy or logs / mission.folder / 'policy'
-        print(f'bags: {bags}; to decide anew: mission_replay {bag} --policy {policy}')
+        print(f'bags: {bags}; see mission_replay {bag} --policy {policy}')
     return 0 if all(result.good for result in results) else 1
 
 
