@@ -16,7 +16,10 @@ def place(*arguments: str) -> Path | None:
     return runner._place_of_bags(runner._parser().parse_args(arguments), LOGS)
 
 
-def test_it_records_by_default_where_it_is_told_or_not_at_all() -> None:
+def test_it_records_by_default_where_it_is_told_or_not_at_all(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(recording, 'find_spec', lambda name: name)
     assert place() == LOGS / 'bags'
     assert place('--record', '/there') == Path('/there')
     assert place('--no-record') is None
