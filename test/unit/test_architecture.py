@@ -1,5 +1,7 @@
 """Imports run one way: mdp <- solver <- policy <- onboard <- nodes, cli; autopilot is beside.
 
+Pictures of missions (drawing) are before the console's page, which a node serves.
+
 So they do between the rooms of the solver, which all stand on its ground floor. And no two modules
 have one name for two things.
 """
@@ -22,8 +24,13 @@ ALLOWED = {
     'policy': {'mdp', 'solver'},
     'onboard': {'mdp', 'solver', 'policy'},
     'autopilot': {'pymavlink'},
-    'nodes': {'mdp', 'solver', 'policy', 'onboard', 'autopilot', 'ros'},
-    'cli': {'mdp', 'solver', 'policy', 'onboard', 'autopilot', 'nodes', 'ros', 'pymavlink'},
+    'drawing': {'mdp', 'onboard'},
+    'console': {'mdp', 'solver', 'policy', 'onboard', 'autopilot', 'drawing'},
+    'nodes': {'mdp', 'solver', 'policy', 'onboard', 'autopilot', 'console', 'ros'},
+    'cli': {
+        *('mdp', 'solver', 'policy', 'onboard', 'autopilot', 'drawing', 'nodes', 'ros'),
+        'pymavlink',
+    },
 }
 # Room of the solver -> what it may import of the others, all of them before it.
 ROOMS = {
