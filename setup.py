@@ -21,6 +21,7 @@ COMMANDS = {
     'mission_record': 'nodes.mission_record',
     'mavlink_bridge': 'nodes.mavlink_bridge',
     'base_station': 'nodes.base_station',
+    'console': 'nodes.console',
     'sim_autopilot': 'autopilot.sim_autopilot',
 }
 
@@ -70,6 +71,7 @@ setup(
         'test': requirements('-dev'),
         'ros': requirements('-ros-wheels'),  # The nodes, where no ROS is sourced.
         'cluster': requirements('-cluster'),  # policy_build --scheduler.
+        'page': requirements('-page'),  # console.
         'plan': requirements('-plan'),  # mission_new.
         'plot': requirements('-plot'),  # mission_simulate --plot.
         'record': requirements('-record'),  # mission_record, mission_replay.

@@ -1,0 +1,91 @@
+"""What the thread of ROS writes and the page reads: whole values, each exchanged in one step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from queue import SimpleQueue
+
+from uav_mission_manager.console.forecasting import Forecaster, GoalChances
+from uav_mission_manager.console.heard import Heard
+from uav_mission_manager.console.orders import Order
+from uav_mission_manager.console.policies import PolicyShelf
+from uav_mission_manager.console.view import VehicleView, view_of
+from uav_mission_manager.console.words import staleness
+from uav_mission_manager.policy import Policy
+
+MOST_ANSWERS_KEPT = 20
+"""Answers that pages may still have to tell: a choice."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What became of an order; numbered from 1."""
+
+    number: int
+    order: Order
+    good: bool
+    text: str
+
+
+class Fleet:
+    """The vehicles, by namespace.
+
+    Parameters
+    ----------
+    shelf : PolicyShelf
+    clock : callable
+        Returns the time [s] that things are noted by.
+    timeout : float
+        Age [s] above which a thing is old.
+
+    Attributes
+    ----------
+    heard : dict of str to Heard
+    orders : queue of Order
+        What the page orders.
+    answers : tuple of Answer
+        What became of the last ones, in their order.
+    """
+
+    answers: tuple[Answer, ...] = ()
+
+    def __init__(self, shelf: PolicyShelf, clock: Callable[[], float], timeout: float) -> None:
+        self.heard: dict[str, Heard] = {}
+        self.orders: SimpleQueue[Order] = SimpleQueue()
+        self._shelf, self.clock, self.timeout = shelf, clock, timeout
+        self._forecaster = Forecaster()
+
+    def answer(self, order: Order, good: bool, text: str) -> None:
+        """Say what became of an order; for the thread that writes `heard`."""
+        number = self.answers[-1].number + 1 if self.answers else 1
+        answer = Answer(number, order, good, text)
+        self.answers = (*self.answers, answer)[-MOST_ANSWERS_KEPT:]
+
+    def policy(self, vehicle: str) -> Policy | None:
+        """Return the policy set that a vehicle's manager uses; None while it is not at hand."""
+        heard = self.heard.get(vehicle)
+        if heard is None or heard.decision is None:
+            return None
+        return self._shelf.find(heard.decision.value.digest, self.clock())
+
+    def view(self, vehicle: str) -> VehicleView:
+        """Return what to show of a vehicle now."""
+        heard, policy = self.heard.get(vehicle, Heard()), self.policy(vehicle)
+        state = heard.decision.value.state if heard.decision else ()
+        parts = self._shelf.parts(policy, state) if policy and state else ()
+        mission = policy.mission if policy else None
+        return view_of(vehicle, heard, mission, parts, self.clock(), self.timeout)
+
+    def position_is_old(self, vehicle: str) -> bool:
+        """Whether the position of a vehicle is out of date."""
+        heard = self.heard.get(vehicle, Heard())
+        return bool(staleness(heard.pose, self.clock(), self.timeout))
+
+    def forecast(self, vehicle: str) -> GoalChances | None:
+        """Return the last forecast of a vehicle, and ask for one of its present state."""
+        heard, policy = self.heard.get(vehicle, Heard()), self.policy(vehicle)
+        state = heard.decision.value.state if heard.decision else ()
+        if policy is not None and state:
+            self._forecaster.want(vehicle, policy, state)
+        return self._forecaster.found.get(vehicle)

@@ -1,0 +1,119 @@
+"""Parts of the page as HTML text; all that comes from outside is escaped."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+
+from uav_mission_manager.console.heard import Line
+from uav_mission_manager.console.view import Bar, NowAndWhy, VehicleView
+from uav_mission_manager.console.words import Authority, Fact
+
+Chances = Mapping[str, Mapping[int, float]]
+"""Probability that each goal, by name, is done within so many minutes."""
+
+
+def fact_html(name: str, fact: Fact) -> str:
+    """A fact of the bar on top: its name, its value and a note."""
+    return (
+        f'<div class="fact {fact.tone}"><span class="label">{escape(name)}</span>'
+        f'<span class="value">{escape(fact.text)}</span>'
+        f'<span class="note">{escape(fact.note)}</span></div>'
+    )
+
+
+def authority_html(authority: Authority) -> str:
+    """Who is in command, as the largest word of the page."""
+    why = escape('; '.join(filter(None, (authority.why, authority.way_back))))
+    return (
+        f'<div class="authority {authority.tone}" title="{why}"><span class="label">in command'
+        f'</span><span class="word">{escape(authority.word)}</span>'
+        f'<span class="note">{why}</span></div>'
+    )
+
+
+def top_html(view: VehicleView) -> str:
+    """The bar on top of one vehicle."""
+    facts = ''.join(fact_html(name, fact) for name, fact in view.facts.items())
+    return (
+        f'<div class="top"><div class="vehicle">{escape(view.name)}</div>'
+        f'{authority_html(view.authority)}{facts}</div>'
+    )
+
+
+def tile_html(view: VehicleView, selected: bool) -> str:
+    """A vehicle among several."""
+    battery, link = view.facts['battery'], view.facts['link']
+    worst = view.now.headline.tone or view.authority.tone
+    return (
+        f'<div class="tile{" selected" if selected else ""}"><b>{escape(view.name)}</b>'
+        f'<span class="word {view.authority.tone}">{escape(view.authority.word)}</span>'
+        f'<span class="{worst}">{escape(view.now.headline.text)}</span>'
+        f'<span class="{battery.tone}">{escape(battery.text)}</span>'
+        f'<span class="{link.tone}">{escape(link.text)}</span></div>'
+    )
+
+
+def now_html(now: NowAndWhy) -> str:
+    """The command, its reason, and what else was possible."""
+    head = now.headline
+    return (
+        f'<div class="now {head.tone}"><div class="headline">{escape(head.text)}</div>'
+        f'<div class="note">{escape(head.note)}</div><div class="reason">{escape(now.reason)}'
+        f'</div><div class="second">{escape(now.second)}</div>'
+        f'<div class="close">{escape(now.closeness)}</div></div>'
+    )
+
+
+def bars_html(title: str, bars: Sequence[Bar]) -> str:
+    """Bars with their names before and their values behind them."""
+    if not bars:
+        return ''
+    rows = ''.join(
+        f'<div class="bar {bar.kind}"><span class="name">{escape(bar.name)}</span>'
+        f'<span class="track"><span class="fill" style="width:{100 * bar.length:.1f}%"></span>'
+        f'</span><span class="amount">{escape(bar.value)}</span></div>'
+        for bar in bars
+    )
+    return f'<div class="bars"><h2>{escape(title)}</h2>{rows}</div>'
+
+
+def forbidden_html(names: Sequence[str]) -> str:
+    """Actions that are not allowed, in one line."""
+    words = escape(', '.join(names))
+    return f'<p class="forbidden" title="{words}">not allowed: {words}</p>' if names else ''
+
+
+def forecast_html(chances: Chances | None, note: str) -> str:
+    """Chances of goals in the next minutes; the note says of when, or why there are none."""
+    if not chances:
+        return f'<div class="forecast"><h2>forecast</h2><p class="note">{escape(note)}</p></div>'
+    minutes = list(next(iter(chances.values())))
+    heads = ''.join(f'<th>{limit} min</th>' for limit in minutes)
+    rows = ''.join(
+        f'<tr><td>{escape(goal)}</td>'
+        + ''.join(f'<td>{_percent(share)}</td>' for share in shares.values())
+        + '</tr>'
+        for goal, shares in chances.items()
+    )
+    return (
+        f'<div class="forecast"><h2>done within</h2><table><tr><th></th>{heads}</tr>{rows}</table>'
+        f'<p class="note">{escape(note)}</p></div>'
+    )
+
+
+def _percent(share: float) -> str:
+    """A probability that was counted: never certain, never impossible."""
+    if share >= 0.995:
+        return '&gt; 99 %'
+    return '&lt; 1 %' if share < 0.005 else f'{100 * share:.0f} %'
+
+
+def log_html(lines: Sequence[Line]) -> str:
+    """The log, newest first."""
+    rows = ''.join(
+        f'<li class="{line.level}"><time>{escape(line.time_of_day)}</time>'
+        f'<span>{escape(line.text)}</span></li>'
+        for line in reversed(lines)
+    )
+    return f'<ol class="log">{rows}</ol>'

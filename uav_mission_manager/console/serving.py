@@ -1,0 +1,121 @@
+"""The page's server: in a thread of its own, for those who may see it."""
+
+from __future__ import annotations
+
+import hmac
+import ipaddress
+import logging
+import socket
+import threading
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+import uvicorn
+from fastapi import FastAPI
+from nicegui import ui
+
+from uav_mission_manager.console.fleet import Fleet
+from uav_mission_manager.console.page import define_page
+
+COOKIE = 'console_token'
+
+LOOPBACK_NAMES = ('localhost', '127.0.0.1', '[::1]')
+"""What a browser on this machine may call it: a page from elsewhere that had another name lead
+here would be refused."""
+
+
+def is_loopback(host: str) -> bool:
+    """Whether an address is this machine's own, which nobody else reaches."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == 'localhost'
+
+
+def listening_socket(host: str, port: int) -> socket.socket:
+    """Return a socket that listens. Raises `OSError` with the address and why it cannot."""
+    family = socket.AF_INET6 if ':' in host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((host, port))
+    except OSError as error:
+        listener.close()
+        raise OSError(f'host {host}, port {port}: {error.strerror or error}') from error
+    return listener
+
+
+class Gate:
+    """Lets those in who know the token, and no page that comes from elsewhere.
+
+    Parameters
+    ----------
+    app : ASGI application
+    token : str
+        Empty where only this machine is served; the name by which it is asked for then counts.
+    """
+
+    def __init__(self, app: Any, token: str) -> None:
+        self._app, self._token = app, token
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        """Serve, refuse, or exchange a token in the address for a cookie."""
+        if scope['type'] not in ('http', 'websocket'):
+            await self._app(scope, receive, send)
+            return
+        headers = {
+            key.decode('latin-1'): value.decode('latin-1') for key, value in scope['headers']
+        }
+        query = parse_qs(scope['query_string'].decode('latin-1'))
+        given = query.get('token', [''])[0]
+        if not _from_here(headers, bool(self._token)):
+            await _answer(scope, send, 403, 'asked for by another name or from another page')
+        elif not self._token or self._known(_cookie(headers)):
+            await self._app(scope, receive, send)
+        elif self._known(given) and scope['type'] == 'http':
+            cookie = f'{COOKIE}={self._token}; HttpOnly; SameSite=Strict; Path=/'
+            await _answer(
+                scope, send, 303, '', ((b'location', b'/'), (b'set-cookie', cookie.encode()))
+            )
+        else:
+            await _answer(scope, send, 401, 'add ?token=TOKEN to the address')
+
+    def _known(self, given: str) -> bool:
+        return hmac.compare_digest(given.encode(), self._token.encode())
+
+
+def _from_here(headers: dict[str, str], has_token: bool) -> bool:
+    """Whether the browser asks by a name of this machine, and not for another one's page."""
+    host, origin = headers.get('host', ''), headers.get('origin', '')
+    name = host if host.endswith(']') else host.rpartition(':')[0] or host
+    if not has_token and name not in LOOPBACK_NAMES:
+        return False
+    return not origin or urlsplit(origin).netloc == host
+
+
+def _cookie(headers: dict[str, str]) -> str:
+    pairs = (part.strip().partition('=') for part in headers.get('cookie', '').split(';'))
+    return next((value for name, _, value in pairs if name == COOKIE), '')
+
+
+async def _answer(
+    scope: Any, send: Any, status: int, text: str, more: tuple[tuple[bytes, bytes], ...] = ()
+) -> None:
+    if scope['type'] == 'websocket':
+        await send({'type': 'websocket.close', 'code': 1008})
+        return
+    headers = [(b'content-type', b'text/plain; charset=utf-8'), *more]
+    await send({'type': 'http.response.start', 'status': status, 'headers': headers})
+    await send({'type': 'http.response.body', 'body': text.encode()})
+
+
+def serve(fleet: Fleet, listener: socket.socket, token: str) -> uvicorn.Server:
+    """Serve the page in a thread until the process ends."""
+    app = FastAPI(openapi_url=None)
+    define_page(fleet)
+    ui.run_with(app, show_welcome_message=False, tailwind=False, reconnect_timeout=10.0)
+    logging.getLogger('nicegui').setLevel(logging.WARNING)
+    config = uvicorn.Config(Gate(app, token), log_level='warning', lifespan='on')
+    server = uvicorn.Server(config)
+    threading.Thread(target=server.run, args=([listener],), daemon=True).start()
+    return server

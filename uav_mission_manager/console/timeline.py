@@ -1,0 +1,142 @@
+"""The timeline: a column for each epoch, a row for each variable, as in the paper's Case I.
+
+It is drawn in blocks of epochs, of which only the last one changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from html import escape
+
+from uav_mission_manager.console.heard import HeardEpoch
+from uav_mission_manager.echo import shown
+from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS
+
+BLOCK = 50
+"""Epochs of a block: a choice, of a few tens of kilobytes."""
+
+COLUMN, ROW = 30, 19
+"""Width of an epoch and height of a row [px]: choices, of numbers that can be read."""
+
+MOST_GOAL_ROWS = 8
+"""Goals that have a row of their own: a choice; of more the first ones are shown."""
+
+SHORT_FAULTS = ('', 'S', 'A', 'SA', 'C', 'SC', 'AC', 'SAC')
+"""Fault modes as letters of the parts that have failed, in the order of `FAULT_MODES`."""
+
+TIMELINE_STYLE = f"""
+.timeline text{{font:600 12px system-ui,sans-serif;text-anchor:middle;fill:var(--ink)}}
+.timeline .rule{{stroke:var(--line)}}.timeline .head{{font-weight:400;fill:var(--dim)}}
+.timeline .t-1{{fill:var(--warning)}}.timeline .t-2{{fill:var(--danger)}}
+.timeline .g-1{{fill:var(--low)}}.timeline .g-2{{fill:var(--high)}}
+.timeline .c-1,.timeline .m-1{{fill:var(--craft)}}.timeline .f-1{{fill:var(--fault)}}
+.timeline .r-1{{fill:var(--stale)}}.timeline .none-1{{fill:var(--danger)}}
+.timeline text.on{{fill:#fff}}.timeline text.on-light{{fill:#1d1c1a}}
+.timeline-names{{font:600 12px/{ROW}px system-ui,sans-serif;color:var(--ink)}}
+"""
+
+
+def row_names(goals: Sequence[str]) -> tuple[str, ...]:
+    """Names of the rows, top down, below the one with the numbers of the epochs."""
+    wanted = tuple(f'{shown(goal, 16)}' for goal in goals[:MOST_GOAL_ROWS])
+    return (*wanted, 'commitment', 'cell', 'threat', 'agile', 'fault')
+
+
+def blocks(epochs: Sequence[HeardEpoch]) -> list[Sequence[HeardEpoch]]:
+    """Cut epochs into blocks, each at multiples of `BLOCK`: an old block stays as it is."""
+    found: dict[int, list[HeardEpoch]] = {}
+    for epoch in epochs:
+        found.setdefault((epoch.number - 1) // BLOCK, []).append(epoch)
+    return list(found.values())
+
+
+def block_svg(epochs: Sequence[HeardEpoch], goals: int) -> str:
+    """Return a block as one `svg` element."""
+    shown_goals = min(goals, MOST_GOAL_ROWS)
+    width, height = COLUMN * len(epochs), ROW * (shown_goals + 6)
+    parts = [
+        f'<svg class="timeline" width="{width}" height="{height}" '
+        f'viewBox="0 0 {width} {height}" role="img" '
+        f'aria-label="epochs {epochs[0].number} to {epochs[-1].number}">',
+        *(f'<path class="rule" d="M0 {ROW * row}h{width}"/>' for row in range(1, shown_goals + 6)),
+        *_heads(epochs, height),
+    ]
+    for row, cells in enumerate(_rows(epochs, goals, shown_goals), 1):
+        parts += _runs(cells, row)
+    return ''.join((*parts, '</svg>'))
+
+
+def _heads(epochs: Sequence[HeardEpoch], height: int) -> Iterator[str]:
+    """Numbers of the epochs, each with all that is known of it as a tooltip."""
+    for column, epoch in enumerate(epochs):
+        x = COLUMN * column
+        state = ' '.join(map(str, epoch.state)) or 'not known'
+        title = f'{epoch.time_of_day}  {epoch.command or "no command"}  state {state}'
+        yield (
+            f'<text class="head" x="{x + COLUMN / 2}" y="14">{epoch.number}</text>'
+            f'<rect x="{x}" y="0" width="{COLUMN}" height="{height}" fill="transparent">'
+            f'<title>{escape(title)}</title></rect>'
+        )
+
+
+Cell = tuple[str, str]
+"""Text and class of a cell of the timeline; an empty class is not coloured."""
+
+
+def _rows(epochs: Sequence[HeardEpoch], goals: int, shown_goals: int) -> Iterator[list[Cell]]:
+    """Yield the cells of each row; empty where nothing was decided."""
+    states = [epoch.state if len(epoch.state) == 2 * goals + 5 else () for epoch in epochs]
+    for j in range(shown_goals):
+        yield [_goal_cell(state, goals, j) for state in states]
+    yield [
+        ('silent', 'none-1') if not epoch.command else _commitment(state)
+        for epoch, state in zip(epochs, states)
+    ]
+    yield [(str(state[-4]), '') if state else ('', '') for state in states]
+    yield [
+        (THREAT_LEVELS[state[-2]], f't-{state[-2]}') if state and state[-2] else ('', '')
+        for state in states
+    ]
+    yield [('yes', 'm-1') if state and state[-1] else ('', '') for state in states]
+    yield [_fault_cell(state) for state in states]
+
+
+def _goal_cell(state: tuple[int, ...], goals: int, j: int) -> Cell:
+    """Priority of a goal; grey where it is out of range."""
+    if not state:
+        return '', ''
+    g, r = state[1 + goals + j], state[1 + j]
+    if not g:
+        return '', ''
+    word = ('', 'low', 'high')[g]
+    return (word, f'g-{g}') if r else ('out', 'r-1')
+
+
+def _commitment(state: tuple[int, ...]) -> Cell:
+    return (str(state[-3]), 'c-1') if state and state[-3] else ('', '')
+
+
+def _fault_cell(state: tuple[int, ...]) -> Cell:
+    if not state or not 1 < state[0] <= len(FAULT_MODES):
+        return '', ''
+    return SHORT_FAULTS[state[0] - 1], 'f-1'
+
+
+LIGHT = ('g-1', 't-1')
+"""Classes whose colour is so light that text on it is dark."""
+
+
+def _runs(cells: Sequence[Cell], row: int) -> Iterator[str]:
+    """Draw equal neighbours as one bar."""
+    start = 0
+    for column in range(1, len(cells) + 1):
+        if column < len(cells) and cells[column] == cells[start]:
+            continue
+        (text, kind), y, width = cells[start], ROW * row, COLUMN * (column - start)
+        x = COLUMN * start
+        if kind:
+            yield f'<rect class="{kind}" x="{x}" y="{y + 2}" width="{width}" height="{ROW - 4}"/>'
+        if text:
+            on = (' class="on-light"' if kind in LIGHT else ' class="on"') if kind else ''
+            yield f'<text{on} x="{x + width / 2}" y="{y + 14}">{escape(text)}</text>'
+        start = column

@@ -1,0 +1,209 @@
+"""What the page shows of one vehicle, as plain values: made of what was heard, and of its age."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from uav_mission_manager.autopilot.task import Phase
+from uav_mission_manager.console.heard import Heard, HeardDecision
+from uav_mission_manager.console.words import (
+    Authority,
+    Fact,
+    authority,
+    battery,
+    closeness,
+    fault,
+    headline,
+    link,
+    staleness,
+    threat,
+)
+from uav_mission_manager.mdp import Mission, action_name, global_actions
+
+PartValues = Sequence[tuple[tuple[int, ...], float]]
+"""Goals, from 0, and share of the expected cost of each part of a policy."""
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A bar: its name, a value, its length 0 to 1, and what it is (`choice`, `second`, ..)."""
+
+    name: str
+    value: str
+    length: float
+    kind: str = ''
+
+
+@dataclass(frozen=True)
+class NowAndWhy:
+    """The command and its reason.
+
+    Attributes
+    ----------
+    headline : Fact
+        The command in large words; its note says how old it is where it is old.
+    reason : str
+        One sentence.
+    second : str
+        The second best, and what it would cost more.
+    closeness : str
+        How far the policy is from the best possible.
+    actions, parts : tuple of Bar
+        The extra cost of each action that is allowed, and the share of each sub-MDP in the cost.
+    forbidden : tuple of str
+        The other actions.
+    """
+
+    headline: Fact
+    reason: str
+    second: str = ''
+    closeness: str = ''
+    actions: tuple[Bar, ...] = ()
+    parts: tuple[Bar, ...] = ()
+    forbidden: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class VehicleView:
+    """All that the page says of a vehicle in words.
+
+    Attributes
+    ----------
+    name : str
+    authority : Authority
+    facts : dict of str to Fact
+        battery, link, fault and threat.
+    now : NowAndWhy
+    obstacle : str
+        Why nothing can be ordered, '' where it can.
+    """
+
+    name: str
+    authority: Authority
+    facts: dict[str, Fact]
+    now: NowAndWhy
+    obstacle: str
+
+
+def view_of(
+    name: str,
+    heard: Heard,
+    mission: Mission | None,
+    parts: PartValues,
+    now: float,
+    timeout: float,
+) -> VehicleView:
+    """Return what to show.
+
+    Parameters
+    ----------
+    name : str
+    heard : Heard
+    mission : Mission or None
+        None where it is not known: the policy set is not at hand.
+    parts : sequence of (goals, value)
+    now, timeout : float
+        Time, and age above which a thing is old [s].
+    """
+    state = heard.decision.value.state if heard.decision else ()
+    facts = {
+        'battery': battery(heard, mission, now, timeout),
+        'link': link(heard, now, timeout),
+        'fault': fault(heard, now, timeout),
+        'threat': threat(heard, state, now, timeout),
+    }
+    return VehicleView(
+        name=name,
+        authority=authority(heard, now, timeout),
+        facts=facts,
+        now=_now_and_why(heard, mission, parts, now, timeout),
+        obstacle=obstacle(heard, now, timeout),
+    )
+
+
+def obstacle(heard: Heard, now: float, timeout: float) -> str:
+    """Say why no order would reach the vehicle, '' if it would."""
+    if old := staleness(heard.bridge, now, timeout):
+        return f'the link is stale: bridge {old}'
+    if heard.bridge and heard.bridge.value.phase == Phase.NO_LINK.value:
+        return 'the link is lost: the bridge does not hear the autopilot'
+    return ''
+
+
+def _now_and_why(
+    heard: Heard, mission: Mission | None, parts: PartValues, now: float, timeout: float
+) -> NowAndWhy:
+    if heard.decision is None:
+        return NowAndWhy(Fact('NOTHING HEARD', 'stale', 'of the manager'), '')
+    decision, old = heard.decision.value, staleness(heard.decision, now, timeout)
+    reason = decision.reason.partition('; expected cost')[0]
+    if not decision.command:
+        return NowAndWhy(Fact('NO COMMAND', 'stale' if old else 'danger', old), reason)
+    at_base = mission is not None and decision.state[-4] == mission.grid.base
+    words = headline(decision.command)
+    if at_base and decision.command == 'none normal':
+        words = 'STAY AT BASE'
+    least = min(decision.values, default=math.nan)
+    return NowAndWhy(
+        headline=Fact(words, 'stale' if old else '', old or decision.command),
+        reason=reason,
+        second=_second(decision),
+        closeness=closeness(decision.lower_bound, decision.upper_bound, least),
+        actions=action_bars(decision, mission),
+        forbidden=tuple(
+            name
+            for name, value in zip(_action_names(decision, mission), decision.values)
+            if not math.isfinite(value)
+        ),
+        parts=part_bars(parts, mission),
+    )
+
+
+def _second(decision: HeardDecision) -> str:
+    if not decision.runner_up:
+        return 'nothing else is allowed'
+    return f'second best: {decision.runner_up}, costs {decision.margin:.3g} more'
+
+
+def action_bars(decision: HeardDecision, mission: Mission | None) -> tuple[Bar, ...]:
+    """Return what each allowed action costs more than the best, in the order of their numbers."""
+    names, values = _action_names(decision, mission), decision.values
+    allowed = [value for value in values if math.isfinite(value)]
+    if not allowed:
+        return ()
+    least, most = min(allowed), max(allowed)
+    bars = []
+    for name, value in zip(names, values):
+        if not math.isfinite(value):
+            continue
+        kind = {decision.command: 'choice', decision.runner_up: 'second'}.get(name, '')
+        extra = value - least
+        length = extra / (most - least) if most > least else 0.0
+        text = f'{value:.4g}' if extra == 0.0 else f'+{extra:.3g}'
+        bars.append(Bar(name, text, length, kind))
+    return tuple(bars)
+
+
+def _action_names(decision: HeardDecision, mission: Mission | None) -> list[str]:
+    """Name the actions; by their numbers where the mission is not known."""
+    count = len(decision.values)
+    if mission is not None and count == 2 * mission.k + 4:
+        return [action_name(mission, action) for action in global_actions(mission)]
+    return [f'action {number}' for number in range(1, count + 1)]
+
+
+def part_bars(parts: PartValues, mission: Mission | None) -> tuple[Bar, ...]:
+    """Return the share of each sub-MDP in the expected cost."""
+    if mission is None:
+        return ()
+    most = max((abs(value) for _, value in parts), default=0.0)
+    return tuple(
+        Bar(
+            ' + '.join(mission.goals[goal].name for goal in goals) or 'common costs',
+            f'{value:.4g}',
+            abs(value) / most if most else 0.0,
+        )
+        for goals, value in parts
+    )

@@ -1,0 +1,107 @@
+"""The console: a page for operators, of all vehicles that are heard."""
+
+from __future__ import annotations
+
+import sys
+from importlib.util import find_spec
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+
+from uav_mission_manager.console.fleet import Fleet
+from uav_mission_manager.console.policies import PolicyShelf
+from uav_mission_manager.nodes import qos
+from uav_mission_manager.nodes.clocks import safety_clock, seconds
+from uav_mission_manager.nodes.console_inputs import VehicleEar
+from uav_mission_manager.nodes.console_orders import OrderDesk
+from uav_mission_manager.nodes.parameters import NodeParameter, declare
+from uav_mission_manager.nodes.runtime import run_node
+from uav_mission_manager.paths import expanded
+
+PARAMETERS = (
+    NodeParameter(
+        'policy',
+        '',
+        'Directories of the policy sets that the managers use, separated by :',
+        example='policies/case_study',
+    ),
+    NodeParameter(
+        'host', '127.0.0.1', 'Address to serve the page on; others than this need a token'
+    ),
+    NodeParameter('port', 8080, 'TCP port of the page; 0 is any that is free', 0, 65535),
+    NodeParameter('token', '', 'Word without which nobody is let in; needed where others may ask'),
+    NodeParameter(
+        'old_after', 3.0, 'Age above which what was heard is shown as old [s]', 0.5, 60.0
+    ),
+)
+
+SEARCH_PERIOD = 1.0
+"""Time [s] between two looks for vehicles: a choice."""
+
+DECISION_TOPIC = '/manager/decision'
+"""What the topic of a vehicle ends in; what is before it is its namespace."""
+
+BRIDGE_STATUS = '/mavlink_bridge: autopilot'
+"""What the name of a bridge's status ends in, after its namespace."""
+
+
+class Console(Node):
+    """Serves a page with map, command and reason, values, timeline and controls of each vehicle.
+
+    It hears every manager below its own namespace, so in `/`, the default, all. The page is at
+    http://HOST:PORT/ and loads nothing from elsewhere.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('console')
+        p = declare(self, PARAMETERS)
+        if find_spec('nicegui') is None:
+            raise ValueError(
+                "NiceGUI is missing: pip install '.[page]' where this package is from"
+            )
+        from uav_mission_manager.console import serving  # The others need not have it.
+
+        if not (p.token or serving.is_loopback(p.host)):
+            raise ValueError(f'parameter token: not given; host {p.host} can be reached by others')
+        steady = safety_clock()
+        shelf = PolicyShelf([str(expanded(path)) for path in p.policy.split(':')])
+        self._fleet = Fleet(shelf, lambda: seconds(steady), p.old_after)
+        self._ears: dict[str, VehicleEar] = {}
+        self._desk = OrderDesk(self, self._fleet)
+        listener = serving.listening_socket(p.host, p.port)
+        self.create_subscription(
+            DiagnosticArray,
+            '/diagnostics',
+            self._on_diagnostics,
+            qos.RELIABLE,
+            qos_overriding_options=qos.OVERRIDABLE,
+        )
+        self.create_timer(SEARCH_PERIOD, self._search, clock=steady)
+        self._server = serving.serve(self._fleet, listener, p.token)
+        self.get_logger().info(f'page: http://{p.host}:{listener.getsockname()[1]}/')
+
+    def _search(self) -> None:
+        """Listen to vehicles that were not there before."""
+        own = self.get_namespace().rstrip('/')
+        for name, _ in self.get_topic_names_and_types():
+            vehicle = name.removesuffix(DECISION_TOPIC)
+            inside = vehicle == own or vehicle.startswith(f'{own}/')
+            if vehicle != name and inside and vehicle not in self._ears:
+                self._ears[vehicle] = VehicleEar(self, self._fleet, vehicle)
+                self._desk.open(vehicle)
+                self.get_logger().info(f'vehicle {vehicle or "/"}')
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            vehicle, found, _ = status.name.partition(BRIDGE_STATUS)
+            if found and vehicle in self._ears:
+                self._ears[vehicle].take_diagnostics(message.header, status)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run_node(Console, PARAMETERS, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
