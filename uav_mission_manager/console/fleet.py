@@ -8,10 +8,12 @@ from queue import SimpleQueue
 
 from uav_mission_manager.console.forecasting import Forecaster, GoalChances
 from uav_mission_manager.console.heard import Heard
+from uav_mission_manager.console.map_overlay import Craft
 from uav_mission_manager.console.orders import Order
 from uav_mission_manager.console.policies import PolicyShelf
 from uav_mission_manager.console.view import VehicleView, view_of
 from uav_mission_manager.console.words import staleness
+from uav_mission_manager.mdp import Mission
 from uav_mission_manager.policy import Policy
 
 MOST_ANSWERS_KEPT = 20
@@ -77,10 +79,15 @@ class Fleet:
         mission = policy.mission if policy else None
         return view_of(vehicle, heard, mission, parts, self.clock(), self.timeout)
 
-    def position_is_old(self, vehicle: str) -> bool:
-        """Whether the position of a vehicle is out of date."""
-        heard = self.heard.get(vehicle, Heard())
-        return bool(staleness(heard.pose, self.clock(), self.timeout))
+    def crafts(self, mission: Mission) -> dict[str, Craft]:
+        """Return the vehicles that are on the grid of a mission, by namespace."""
+        found = {}
+        for vehicle, heard in list(self.heard.items()):
+            policy = self.policy(vehicle)
+            if heard.pose is not None and policy and policy.mission.grid == mission.grid:
+                old = bool(staleness(heard.pose, self.clock(), self.timeout))
+                found[vehicle] = Craft(heard.pose.value, old)
+        return found
 
     def forecast(self, vehicle: str) -> GoalChances | None:
         """Return the last forecast of a vehicle, and ask for one of its present state."""

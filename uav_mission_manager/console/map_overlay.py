@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from html import escape
 
 from uav_mission_manager.console.heard import Heard, Pose
@@ -53,19 +54,25 @@ def base_layer(mission: Mission) -> str:
     return '\n'.join((opening(mission, scale), *parts, '</svg>'))
 
 
-def moving_layer(
-    mission: Mission, heard: Heard, old: bool, others: Mapping[str, Pose] | None = None
-) -> str:
-    """Return goals as they are wanted, range, way, trail and vehicle.
+@dataclass(frozen=True)
+class Craft:
+    """A vehicle on the map; an old position is grey."""
+
+    pose: Pose
+    old: bool
+
+
+def moving_layer(mission: Mission, heard: Heard, vehicle: str, crafts: Mapping[str, Craft]) -> str:
+    """Return goals as they are wanted, range, way and trail of a vehicle, and all vehicles.
 
     Parameters
     ----------
     mission : Mission
     heard : Heard
-    old : bool
-        Whether the position is out of date.
-    others : mapping of str to Pose, optional
-        Other vehicles by name.
+        Of the vehicle.
+    vehicle : str
+    crafts : mapping of str to Craft
+        By vehicle; this one is drawn last, with its height, the others with their names.
     """
     scale = Scale(mission)
     parts = [
@@ -79,10 +86,11 @@ def moving_layer(
         *_way(mission, heard, scale),
         *_goals(mission, heard, scale),
     ]
-    for name, pose in (others or {}).items():
-        parts += ['<g class="other">', *_craft(pose, scale, False, name), '</g>']
-    if heard.pose:
-        parts += _craft(heard.pose.value, scale, old, f'{heard.pose.value.height:.0f} m')
+    for name, craft in crafts.items():
+        if name != vehicle:
+            parts += ['<g class="other">', *_craft(craft, scale, name), '</g>']
+    if vehicle in crafts:
+        parts += _craft(crafts[vehicle], scale, f'{crafts[vehicle].pose.height:.0f} m')
     return '\n'.join((*parts, '</svg>'))
 
 
@@ -173,10 +181,11 @@ def _goals(mission: Mission, heard: Heard, scale: Scale) -> Iterator[str]:
         yield text_at('small', x, y + 3.2 * size, words, 0.7 * size) + '</g>'
 
 
-def _craft(pose: Pose, scale: Scale, old: bool, label: str) -> Iterator[str]:
+def _craft(craft: Craft, scale: Scale, label: str) -> Iterator[str]:
     """Draw a vehicle as an arrow along its heading; as a disc where that is not known."""
+    pose = craft.pose
     x, y, size = pose.east, -pose.north, 1.1 * scale.text
-    kind = 'craft old' if old else 'craft'
+    kind = 'craft old' if craft.old else 'craft'
     if math.isfinite(pose.heading):
         shape = (
             f'M0 {-1.3 * size:.4g}L{0.8 * size:.4g} {0.9 * size:.4g}L0 {0.45 * size:.4g}'

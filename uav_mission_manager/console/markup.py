@@ -105,8 +105,8 @@ def forecast_html(chances: Chances | None, note: str) -> str:
 def _percent(share: float) -> str:
     """A probability that was counted: never certain, never impossible."""
     if share >= 0.995:
-        return '&gt; 99 %'
-    return '&lt; 1 %' if share < 0.005 else f'{100 * share:.0f} %'
+        return '&gt; 99%'
+    return '&lt; 1%' if share < 0.005 else f'{share:.0%}'
 
 
 def log_html(lines: Sequence[Line]) -> str:

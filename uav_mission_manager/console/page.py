@@ -159,16 +159,8 @@ class VehiclePage:
         if mission is not self._mission:
             self._mission = mission
             self._base.content = base_layer(mission)
-        others = {
-            other: noted.value
-            for other, known in self._fleet.heard.items()
-            if other != name
-            and (noted := known.pose) is not None
-            and self._fleet.policy(other) is not None
-            and self._fleet.policy(other).mission.grid == mission.grid  # type: ignore[union-attr]
-        }
-        old = self._fleet.position_is_old(name)
-        self._moving.content = moving_layer(mission, heard, old, others)
+        crafts = self._fleet.crafts(mission)
+        self._moving.content = moving_layer(mission, heard, name, crafts)
 
     def _show_time(self, heard: Heard, mission: Mission | None) -> None:
         """Draw the blocks of the timeline that have changed."""

@@ -107,12 +107,11 @@ def view_of(
     now, timeout : float
         Time, and age above which a thing is old [s].
     """
-    state = heard.decision.value.state if heard.decision else ()
     facts = {
         'battery': battery(heard, mission, now, timeout),
         'link': link(heard, now, timeout),
         'fault': fault(heard, now, timeout),
-        'threat': threat(heard, state, now, timeout),
+        'threat': threat(heard, now, timeout),
     }
     return VehicleView(
         name=name,

@@ -130,22 +130,19 @@ def fault(heard: Heard, now: float, timeout: float) -> Fact:
     return Fact(text, '' if name == 'nominal' else 'warning')
 
 
-def threat(heard: Heard, state: tuple[int, ...], now: float, timeout: float) -> Fact:
+def threat(heard: Heard, now: float, timeout: float) -> Fact:
     """Return the threat that the manager reckons with, and what is heard of it if that differs."""
     said = heard.threat.value if heard.threat else ''
-    note = ''
-    if heard.threat is not None:
-        old = staleness(heard.threat, now, timeout)
-        note = f'heard: {said}, {old}' if old else ''
+    state = heard.decision.value.state if heard.decision else ()
     if not state:
-        return Fact(said or UNKNOWN, 'stale', note or 'the manager decides nothing')
+        return Fact(said or UNKNOWN, 'stale', 'the manager decides nothing')
     level = state[-2]
     text = THREAT_LEVELS[level]
+    if old := staleness(heard.decision, now, timeout):
+        return Fact(text, 'stale', old)
     if heard.threat is None:
-        return Fact(text, 'stale' if not level else TONES[level], 'assumed: never heard')
-    if said != text:
-        note = f'heard: {said}'
-    return Fact(text, TONES[level], note)
+        return Fact(text, TONES[level] or 'stale', 'assumed: never heard')
+    return Fact(text, TONES[level], '' if said == text else f'heard: {said}')
 
 
 TONES = ('', 'warning', 'danger')

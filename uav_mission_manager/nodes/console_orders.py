@@ -66,7 +66,7 @@ class OrderDesk:
             String,
             f'{vehicle}/threat_level',
             qos.STATE_IN,
-            event_callbacks=NO_PUBLISHER_EVENTS,  # A manager that hears latched ones, too, does so.
+            event_callbacks=NO_PUBLISHER_EVENTS,  # A manager hears latched ones, too.
             qos_overriding_options=qos.OVERRIDABLE,
         )
 
