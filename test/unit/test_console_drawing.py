@@ -25,7 +25,7 @@ from uav_mission_manager.console.markup import (
     tile_html,
     top_html,
 )
-from uav_mission_manager.console.timeline import BLOCK, COLUMN, block_svg, blocks, row_names
+from uav_mission_manager.console.timeline import BLOCK, COLUMN_WIDTH, block_svg, blocks, row_names
 from uav_mission_manager.console.view import Bar, view_of
 from uav_mission_manager.mdp import mission_from_dict
 
@@ -154,8 +154,8 @@ def runs(svg, kind):
     """Columns that bars of a class cover, from the first to the one after the last."""
     found = []
     for rect in of_class(ElementTree.fromstring(svg), kind):
-        first = float(rect.get('x')) / COLUMN
-        found.append((first, first + float(rect.get('width')) / COLUMN))
+        first = float(rect.get('x')) / COLUMN_WIDTH
+        found.append((first, first + float(rect.get('width')) / COLUMN_WIDTH))
     return found
 
 

@@ -35,7 +35,10 @@ ROSDEP_KEYS = {
     'argcomplete': 'python3-argcomplete',
 }
 OPTIONAL = {'threadpoolctl'}  # rosdep has no key for it.
-OF_AN_EXTRA = {'shapely', 'defusedxml', 'rosbags'}  # Commands that need them ask for them.
+OF_AN_EXTRA = {  # Commands that need them ask for them.
+    *('shapely', 'defusedxml', 'rosbags'),
+    *('nicegui', 'fastapi', 'uvicorn'),
+}
 PYPI_NAMES = {'yaml': 'pyyaml', 'serial': 'pyserial'}  # Where the import is called otherwise.
 
 
@@ -147,6 +150,7 @@ def test_every_command_says_the_version(command, capsys):
         ('test', '-dev'),
         ('ros', '-ros-wheels'),
         ('cluster', '-cluster'),
+        ('page', '-page'),
         ('plan', '-plan'),
         ('plot', '-plot'),
         ('record', '-record'),

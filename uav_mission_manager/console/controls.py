@@ -6,7 +6,7 @@ from nicegui import ui
 
 from uav_mission_manager.console.fleet import Fleet
 from uav_mission_manager.console.heard import Heard
-from uav_mission_manager.console.orders import PRIORITY_NAMES, Order, question
+from uav_mission_manager.console.orders import PRIORITY_NAMES, OperatorOrder, question
 from uav_mission_manager.console.view import VehicleView
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import THREAT_LEVELS, Mission
@@ -81,7 +81,7 @@ class Controls:
             values = (int(self._threat.value),)
         elif kind == 'priorities':
             values = tuple(int(toggle.value) for toggle in self._priorities)
-        order = Order(self._vehicle, kind, values)
+        order = OperatorOrder(self._vehicle, kind, values)
         self._question.text = question(order, self._mission)
         if await self._dialog:
             self._fleet.orders.put(order)

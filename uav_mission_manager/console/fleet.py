@@ -9,7 +9,7 @@ from queue import SimpleQueue
 from uav_mission_manager.console.forecasting import Forecaster, GoalChances
 from uav_mission_manager.console.heard import Heard
 from uav_mission_manager.console.map_overlay import Craft
-from uav_mission_manager.console.orders import Order
+from uav_mission_manager.console.orders import OperatorOrder
 from uav_mission_manager.console.policies import PolicyShelf
 from uav_mission_manager.console.view import VehicleView, view_of
 from uav_mission_manager.console.words import staleness
@@ -21,11 +21,11 @@ MOST_ANSWERS_KEPT = 20
 
 
 @dataclass(frozen=True)
-class Answer:
+class OrderAnswer:
     """What became of an order; numbered from 1."""
 
     number: int
-    order: Order
+    order: OperatorOrder
     good: bool
     text: str
 
@@ -44,24 +44,24 @@ class Fleet:
     Attributes
     ----------
     heard : dict of str to Heard
-    orders : queue of Order
+    orders : queue of OperatorOrder
         What the page orders.
-    answers : tuple of Answer
+    answers : tuple of OrderAnswer
         What became of the last ones, in their order.
     """
 
-    answers: tuple[Answer, ...] = ()
+    answers: tuple[OrderAnswer, ...] = ()
 
     def __init__(self, shelf: PolicyShelf, clock: Callable[[], float], timeout: float) -> None:
         self.heard: dict[str, Heard] = {}
-        self.orders: SimpleQueue[Order] = SimpleQueue()
+        self.orders: SimpleQueue[OperatorOrder] = SimpleQueue()
         self._shelf, self.clock, self.timeout = shelf, clock, timeout
         self._forecaster = Forecaster()
 
-    def answer(self, order: Order, good: bool, text: str) -> None:
+    def answer(self, order: OperatorOrder, good: bool, text: str) -> None:
         """Say what became of an order; for the thread that writes `heard`."""
         number = self.answers[-1].number + 1 if self.answers else 1
-        answer = Answer(number, order, good, text)
+        answer = OrderAnswer(number, order, good, text)
         self.answers = (*self.answers, answer)[-MOST_ANSWERS_KEPT:]
 
     def policy(self, vehicle: str) -> Policy | None:

@@ -10,11 +10,11 @@ from html import escape
 from uav_mission_manager.console.heard import Heard, Pose
 from uav_mission_manager.drawing.base_map import (
     Scale,
+    drawn_name,
     frame,
     ground,
     opening,
     points_of,
-    short_name,
     stations,
     text_at,
 )
@@ -177,7 +177,7 @@ def _goals(mission: Mission, heard: Heard, scale: Scale) -> Iterator[str]:
         yield f'<circle class="goal-{priority}{lost}" {place} r="{radius:.6g}"/>'
         at = f'x="{x:.6g}" y="{y + 0.36 * size:.6g}" font-size="{size:.4g}"'
         yield f'<text class="sign-{priority}" {at}>{j + 1}</text>'
-        yield text_at('name', x, y + 2.3 * size, short_name(goal.name), 0.85 * size)
+        yield text_at('name', x, y + 2.3 * size, drawn_name(goal.name), 0.85 * size)
         yield text_at('small', x, y + 3.2 * size, words, 0.7 * size) + '</g>'
 
 
@@ -195,4 +195,4 @@ def _craft(craft: Craft, scale: Scale, label: str) -> Iterator[str]:
         yield f'<path class="{kind}" transform="{turn}" d="{shape}"/>'
     else:
         yield f'<circle class="{kind}" cx="{x:.1f}" cy="{y:.1f}" r="{0.7 * size:.4g}"/>'
-    yield text_at('name', x, y - 1.7 * size, short_name(label), 0.85 * scale.text)
+    yield text_at('name', x, y - 1.7 * size, drawn_name(label), 0.85 * scale.text)

@@ -7,7 +7,7 @@ from html import escape
 
 from uav_mission_manager.console.heard import Line
 from uav_mission_manager.console.view import Bar, NowAndWhy, VehicleView
-from uav_mission_manager.console.words import Authority, Fact
+from uav_mission_manager.console.words import Fact, InCommand
 
 Chances = Mapping[str, Mapping[int, float]]
 """Probability that each goal, by name, is done within so many minutes."""
@@ -22,7 +22,7 @@ def fact_html(name: str, fact: Fact) -> str:
     )
 
 
-def authority_html(authority: Authority) -> str:
+def authority_html(authority: InCommand) -> str:
     """Who is in command, as the largest word of the page."""
     why = escape('; '.join(filter(None, (authority.why, authority.way_back))))
     return (

@@ -11,7 +11,7 @@ PRIORITY_NAMES = ('none', 'low', 'high')
 
 
 @dataclass(frozen=True)
-class Order:
+class OperatorOrder:
     """Something to be done to a vehicle.
 
     Attributes
@@ -42,7 +42,7 @@ QUESTIONS = {
 """What is asked before an order is given."""
 
 
-def question(order: Order, mission: Mission | None) -> str:
+def question(order: OperatorOrder, mission: Mission | None) -> str:
     """Return what to ask before an order is given."""
     what = ''
     if order.kind == 'threat':

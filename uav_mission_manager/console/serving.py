@@ -18,10 +18,7 @@ from uav_mission_manager.console.fleet import Fleet
 from uav_mission_manager.console.page import define_page
 
 COOKIE = 'console_token'
-
-LOOPBACK_NAMES = ('localhost', '127.0.0.1', '[::1]')
-"""What a browser on this machine may call it: a page from elsewhere that had another name lead
-here would be refused."""
+"""Name of the cookie that a browser shows instead of the token."""
 
 
 def is_loopback(host: str) -> bool:
@@ -85,10 +82,13 @@ class Gate:
 
 
 def _from_here(headers: dict[str, str], has_token: bool) -> bool:
-    """Whether the browser asks by a name of this machine, and not for another one's page."""
+    """Whether the browser asks by this machine's own name, and not for a page from elsewhere.
+
+    Who knows the token may call the machine by any name.
+    """
     host, origin = headers.get('host', ''), headers.get('origin', '')
     name = host if host.endswith(']') else host.rpartition(':')[0] or host
-    if not has_token and name not in LOOPBACK_NAMES:
+    if not has_token and not is_loopback(name.strip('[]')):
         return False
     return not origin or urlsplit(origin).netloc == host
 

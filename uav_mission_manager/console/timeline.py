@@ -15,7 +15,7 @@ from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS
 BLOCK = 50
 """Epochs of a block: a choice, of a few tens of kilobytes."""
 
-COLUMN, ROW = 30, 19
+COLUMN_WIDTH, ROW_HEIGHT = 30, 19
 """Width of an epoch and height of a row [px]: choices, of numbers that can be read."""
 
 MOST_GOAL_ROWS = 8
@@ -32,7 +32,7 @@ TIMELINE_STYLE = f"""
 .timeline .c-1,.timeline .m-1{{fill:var(--craft)}}.timeline .f-1{{fill:var(--fault)}}
 .timeline .r-1{{fill:var(--stale)}}.timeline .none-1{{fill:var(--danger)}}
 .timeline text.on{{fill:#fff}}.timeline text.on-light{{fill:#1d1c1a}}
-.timeline-names{{font:600 12px/{ROW}px system-ui,sans-serif;color:var(--ink)}}
+.timeline-names{{font:600 12px/{ROW_HEIGHT}px system-ui,sans-serif;color:var(--ink)}}
 """
 
 
@@ -53,12 +53,15 @@ def blocks(epochs: Sequence[HeardEpoch]) -> list[Sequence[HeardEpoch]]:
 def block_svg(epochs: Sequence[HeardEpoch], goals: int) -> str:
     """Return a block as one `svg` element."""
     shown_goals = min(goals, MOST_GOAL_ROWS)
-    width, height = COLUMN * len(epochs), ROW * (shown_goals + 6)
+    width, height = COLUMN_WIDTH * len(epochs), ROW_HEIGHT * (shown_goals + 6)
     parts = [
         f'<svg class="timeline" width="{width}" height="{height}" '
         f'viewBox="0 0 {width} {height}" role="img" '
         f'aria-label="epochs {epochs[0].number} to {epochs[-1].number}">',
-        *(f'<path class="rule" d="M0 {ROW * row}h{width}"/>' for row in range(1, shown_goals + 6)),
+        *(
+            f'<path class="rule" d="M0 {ROW_HEIGHT * row}h{width}"/>'
+            for row in range(1, shown_goals + 6)
+        ),
         *_heads(epochs, height),
     ]
     for row, cells in enumerate(_rows(epochs, goals, shown_goals), 1):
@@ -69,12 +72,12 @@ def block_svg(epochs: Sequence[HeardEpoch], goals: int) -> str:
 def _heads(epochs: Sequence[HeardEpoch], height: int) -> Iterator[str]:
     """Numbers of the epochs, each with all that is known of it as a tooltip."""
     for column, epoch in enumerate(epochs):
-        x = COLUMN * column
+        x = COLUMN_WIDTH * column
         state = ' '.join(map(str, epoch.state)) or 'not known'
         title = f'{epoch.time_of_day}  {epoch.command or "no command"}  state {state}'
         yield (
-            f'<text class="head" x="{x + COLUMN / 2}" y="14">{epoch.number}</text>'
-            f'<rect x="{x}" y="0" width="{COLUMN}" height="{height}" fill="transparent">'
+            f'<text class="head" x="{x + COLUMN_WIDTH / 2}" y="14">{epoch.number}</text>'
+            f'<rect x="{x}" y="0" width="{COLUMN_WIDTH}" height="{height}" fill="transparent">'
             f'<title>{escape(title)}</title></rect>'
         )
 
@@ -132,10 +135,10 @@ def _runs(cells: Sequence[Cell], row: int) -> Iterator[str]:
     for column in range(1, len(cells) + 1):
         if column < len(cells) and cells[column] == cells[start]:
             continue
-        (text, kind), y, width = cells[start], ROW * row, COLUMN * (column - start)
-        x = COLUMN * start
+        (text, kind), y, width = cells[start], ROW_HEIGHT * row, COLUMN_WIDTH * (column - start)
+        x = COLUMN_WIDTH * start
         if kind:
-            yield f'<rect class="{kind}" x="{x}" y="{y + 2}" width="{width}" height="{ROW - 4}"/>'
+            yield f'<rect class="{kind}" x="{x}" y="{y + 2}" width="{width}" height="{ROW_HEIGHT - 4}"/>'
         if text:
             on = (' class="on-light"' if kind in LIGHT else ' class="on"') if kind else ''
             yield f'<text{on} x="{x + width / 2}" y="{y + 14}">{escape(text)}</text>'

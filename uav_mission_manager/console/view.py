@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from uav_mission_manager.autopilot.task import Phase
 from uav_mission_manager.console.heard import Heard, HeardDecision
 from uav_mission_manager.console.words import (
-    Authority,
     Fact,
+    InCommand,
     authority,
     battery,
     closeness,
@@ -72,7 +72,7 @@ class VehicleView:
     Attributes
     ----------
     name : str
-    authority : Authority
+    authority : InCommand
     facts : dict of str to Fact
         battery, link, fault and threat.
     now : NowAndWhy
@@ -81,7 +81,7 @@ class VehicleView:
     """
 
     name: str
-    authority: Authority
+    authority: InCommand
     facts: dict[str, Fact]
     now: NowAndWhy
     obstacle: str

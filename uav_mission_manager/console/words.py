@@ -30,7 +30,7 @@ class Fact:
 
 
 @dataclass(frozen=True)
-class Authority:
+class InCommand:
     """Who is in command: a word, its tone, why, and how the manager gets command back."""
 
     word: str
@@ -54,32 +54,32 @@ def staleness(noted: Noted[object] | None, now: float, timeout: float) -> str:
     return '' if age <= timeout else f'{age_text(age)} old'
 
 
-def authority(heard: Heard, now: float, timeout: float) -> Authority:
+def authority(heard: Heard, now: float, timeout: float) -> InCommand:
     """Say who is in command."""
     bridge, old = heard.bridge, staleness(heard.bridge, now, timeout)
     if bridge is None:
-        return Authority('UNKNOWN', 'stale', 'the bridge was never heard', '')
+        return InCommand('UNKNOWN', 'stale', 'the bridge was never heard', '')
     said = bridge.value
     if old:
         last = _in_command(said).word
-        return Authority('UNKNOWN', 'stale', f'{last} when last heard, {old}', '')
+        return InCommand('UNKNOWN', 'stale', f'{last} when last heard, {old}', '')
     if not said.link_up:
-        return Authority('NO LINK', 'danger', said.status, 'it goes on when the link is back')
+        return InCommand('NO LINK', 'danger', said.status, 'it goes on when the link is back')
     return _in_command(said)
 
 
-def _in_command(said: HeardBridge) -> Authority:
+def _in_command(said: HeardBridge) -> InCommand:
     resume = 'Resume gives command back to the manager'
     if said.phase == Phase.PILOT.value:
         who = 'AUTOPILOT' if 'failsafe' in said.status else 'PILOT'
-        return Authority(who, 'warning', said.status, f'when the pilot agrees: {resume}')
+        return InCommand(who, 'warning', said.status, f'when the pilot agrees: {resume}')
     if said.phase == Phase.HOLDING.value:
-        return Authority('ON HOLD', 'warning', said.status, resume)
+        return InCommand('ON HOLD', 'warning', said.status, resume)
     if said.phase == Phase.RETURNING.value:
-        return Authority('RETURNING', 'warning', said.status, resume)
+        return InCommand('RETURNING', 'warning', said.status, resume)
     if said.phase in (Phase.BLOCKED.value, Phase.WAITING.value):
-        return Authority('BLOCKED', 'warning', said.status, 'nobody has taken command')
-    return Authority('MANAGER', 'good', said.status, '')
+        return InCommand('BLOCKED', 'warning', said.status, 'nobody has taken command')
+    return InCommand('MANAGER', 'good', said.status, '')
 
 
 def battery(heard: Heard, mission: Mission | None, now: float, timeout: float) -> Fact:

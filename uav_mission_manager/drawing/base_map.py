@@ -129,7 +129,7 @@ def stations(mission: Mission, scale: Scale) -> Iterator[str]:
         yield text_at('name', x, y + 2.0 * size, name, 0.85 * size)
 
 
-def short_name(name: str) -> str:
+def drawn_name(name: str) -> str:
     """A name as long as there is room for."""
     name = shown(name)
     return (
@@ -201,7 +201,7 @@ def _areas(mission: Mission, scale: Scale) -> Iterator[str]:
         yield f'<polygon class="{kind}" points="{ring}"><title>{title}</title></polygon>'
         east, north = (sum(values) / len(values) for values in zip(*area.ring[:-1], strict=True))
         if not area.stay_inside and mission.grid.contains(east, north):
-            yield text_at('area-name', east, -north, short_name(area.name), 0.75 * scale.text)
+            yield text_at('area-name', east, -north, drawn_name(area.name), 0.75 * scale.text)
 
 
 def _scale_bar(scale: Scale) -> Iterator[str]:

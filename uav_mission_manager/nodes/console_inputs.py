@@ -27,7 +27,7 @@ from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.clocks import seconds
 from uav_mission_manager.nodes.frames import MAP_FRAME
 
-Change = Callable[[Heard, Any], Heard]
+HeardChange = Callable[[Heard, Any], Heard]
 """How a message changes what is known; raises `ValueError` where it cannot be believed."""
 
 
@@ -49,7 +49,7 @@ class VehicleEar:
         self._listen('policy_set', String, latched, self._told('new policy set'))
         self._listen('manager/decision', DiagnosticArray, latched, self._with_decision)
 
-    def _listen(self, topic: str, kind: Any, profile: Any, change: Change) -> None:
+    def _listen(self, topic: str, kind: Any, profile: Any, change: HeardChange) -> None:
         def heard(message: Any) -> None:
             self.take(topic, message, change)
 
@@ -61,7 +61,7 @@ class VehicleEar:
             qos_overriding_options=qos.OVERRIDABLE,
         )
 
-    def take(self, topic: str, message: Any, change: Change) -> None:
+    def take(self, topic: str, message: Any, change: HeardChange) -> None:
         """Note what a message says; one that cannot be believed is told."""
         before = self._fleet.heard[self._vehicle]
         try:
@@ -112,7 +112,7 @@ class VehicleEar:
     def _with_asked(self, heard: Heard, message: UInt8MultiArray) -> Heard:
         return heard.with_asked(tuple(message.data), self._at(), time_of_day())
 
-    def _told(self, what: str, level: str = '') -> Change:
+    def _told(self, what: str, level: str = '') -> HeardChange:
         return lambda heard, message: heard.with_line(
             Line(time_of_day(), f'{what}: {message.data}', level)
         )

@@ -16,7 +16,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from uav_mission_manager.console.fleet import Fleet
-from uav_mission_manager.console.orders import Order
+from uav_mission_manager.console.orders import OperatorOrder
 from uav_mission_manager.mdp import THREAT_LEVELS
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.clocks import safety_clock
@@ -40,7 +40,7 @@ SERVICES = {
 class Call:
     """An order that waits for its service, and then for the answer."""
 
-    order: Order
+    order: OperatorOrder
     client: Client
     request: Any
     until: float
@@ -87,7 +87,7 @@ class OrderDesk:
             if self._done(call):
                 self._calls.remove(call)
 
-    def _begin(self, order: Order) -> None:
+    def _begin(self, order: OperatorOrder) -> None:
         if order.kind == 'threat':
             level = THREAT_LEVELS[order.values[0]]
             listeners = self._threats[order.vehicle].get_subscription_count()

@@ -12,11 +12,11 @@ from uav_mission_manager.cli.check.facts import goal_facts
 from uav_mission_manager.drawing.base_map import (
     MAP_STYLE,
     Scale,
+    drawn_name,
     frame,
     ground,
     opening,
     points_of,
-    short_name,
     stations,
     text_at,
     waypoints,
@@ -87,6 +87,6 @@ def _goals(mission: Mission, scale: Scale) -> Iterator[str]:
         yield f'<g><title>{title}</title>'
         yield f'<circle class="goal" cx="{x:.6g}" cy="{y:.6g}" r="{0.95 * size:.6g}"/>'
         yield text_at('sign', x, y + 0.36 * size, str(number), size)
-        yield text_at('name', x, y + 2.0 * size, short_name(goal.name), 0.85 * size)
+        yield text_at('name', x, y + 2.0 * size, drawn_name(goal.name), 0.85 * size)
         worth = f'eta {goal.eta:g}, delta {goal.delta:g}'
         yield text_at('small', x, y + 2.9 * size, worth, 0.68 * size) + '</g>'
