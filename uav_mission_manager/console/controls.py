@@ -24,6 +24,7 @@ class Controls:
         self._mission: Mission | None = None
         self._told = fleet.answers[-1].number if fleet.answers else 0
         self._priorities: list[ui.toggle] = []
+        self._touched = False
         self._build()
 
     def _build(self) -> None:
@@ -33,12 +34,14 @@ class Controls:
             for kind, words in BUTTONS.items()
         ]
         ui.label('Threat level').classes('label')
-        self._threat = ui.toggle(dict(enumerate(THREAT_LEVELS)), value=0).props('no-caps')
+        levels = dict(enumerate(THREAT_LEVELS))
+        self._threat = ui.toggle(levels, value=0).props('no-caps').classes('threat-choice')
+        self._threat.on('click', self._touch)
         self._buttons.append(
             ui.button('Tell the manager', on_click=lambda: self.ask('threat')).props('no-caps')
         )
         ui.label('Priorities').classes('label')
-        self._goals = ui.element('div')
+        self._goals = ui.element('div').classes('priorities')
         self._buttons.append(
             ui.button('Ask for these', on_click=lambda: self.ask('priorities')).props('no-caps')
         )
@@ -51,25 +54,38 @@ class Controls:
     def show(self, view: VehicleView, heard: Heard, mission: Mission | None) -> None:
         """Be the controls of a vehicle, in the state that it is in."""
         if view.name != self._vehicle or mission is not self._mission:
-            self._vehicle, self._mission = view.name, mission
-            self._show_goals(heard)
+            self._vehicle, self._mission, self._touched = view.name, mission, False
+            self._show_goals()
+        if not self._touched:
+            self._follow(heard)
         self._obstacle = view.obstacle
         self._why_not.text = view.obstacle
         for button in self._buttons:
             button.set_enabled(not view.obstacle)
 
-    def _show_goals(self, heard: Heard) -> None:
-        """Begin with what is asked for now."""
+    def _show_goals(self) -> None:
         self._goals.clear()
         goals = self._mission.goals if self._mission else ()
-        asked = heard.asked.value if heard.asked else ()
         options = dict(enumerate(PRIORITY_NAMES))
         self._priorities = []
         with self._goals:
-            for j, goal in enumerate(goals):
+            for goal in goals:
                 ui.label(shown(goal.name, 40))
-                value = asked[j] if len(asked) == len(goals) else 0
-                self._priorities.append(ui.toggle(options, value=value).props('no-caps'))
+                toggle = ui.toggle(options, value=0).props('no-caps')
+                self._priorities.append(toggle.on('click', self._touch))
+
+    def _touch(self) -> None:
+        """Keep what the operator has chosen, whatever is heard meanwhile, until it is ordered."""
+        self._touched = True
+
+    def _follow(self, heard: Heard) -> None:
+        """Begin with what is so now: an order changes what the operator has changed, no more."""
+        asked = heard.asked.value if heard.asked else ()
+        if len(asked) == len(self._priorities):
+            for toggle, value in zip(self._priorities, asked):
+                toggle.value = value
+        if heard.threat is not None:
+            self._threat.value = THREAT_LEVELS.index(heard.threat.value)
 
     async def ask(self, kind: str) -> None:
         """Ask whether an order is meant, and give it."""
@@ -85,6 +101,7 @@ class Controls:
         self._question.text = question(order, self._mission)
         if await self._dialog:
             self._fleet.orders.put(order)
+            self._touched = False
 
     def news(self) -> None:
         """Tell what became of orders since the last look."""

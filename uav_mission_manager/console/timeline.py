@@ -54,14 +54,12 @@ def block_svg(epochs: Sequence[HeardEpoch], goals: int) -> str:
     """Return a block as one `svg` element."""
     shown_goals = min(goals, MOST_GOAL_ROWS)
     width, height = COLUMN_WIDTH * len(epochs), ROW_HEIGHT * (shown_goals + 6)
+    rules = ''.join(f'M0 {ROW_HEIGHT * row}h{width}' for row in range(1, shown_goals + 6))
     parts = [
         f'<svg class="timeline" width="{width}" height="{height}" '
         f'viewBox="0 0 {width} {height}" role="img" '
         f'aria-label="epochs {epochs[0].number} to {epochs[-1].number}">',
-        *(
-            f'<path class="rule" d="M0 {ROW_HEIGHT * row}h{width}"/>'
-            for row in range(1, shown_goals + 6)
-        ),
+        f'<path class="rule" d="{rules}"/>',
         *_heads(epochs, height),
     ]
     for row, cells in enumerate(_rows(epochs, goals, shown_goals), 1):
@@ -136,9 +134,9 @@ def _runs(cells: Sequence[Cell], row: int) -> Iterator[str]:
         if column < len(cells) and cells[column] == cells[start]:
             continue
         (text, kind), y, width = cells[start], ROW_HEIGHT * row, COLUMN_WIDTH * (column - start)
-        x = COLUMN_WIDTH * start
+        x, height = COLUMN_WIDTH * start, ROW_HEIGHT - 4
         if kind:
-            yield f'<rect class="{kind}" x="{x}" y="{y + 2}" width="{width}" height="{ROW_HEIGHT - 4}"/>'
+            yield f'<rect class="{kind}" x="{x}" y="{y + 2}" width="{width}" height="{height}"/>'
         if text:
             on = (' class="on-light"' if kind in LIGHT else ' class="on"') if kind else ''
             yield f'<text{on} x="{x + width / 2}" y="{y + 14}">{escape(text)}</text>'

@@ -38,7 +38,9 @@ class VehicleEar:
         self._node, self._fleet, self._vehicle = node, fleet, vehicle
         fleet.heard[vehicle] = Heard()
         sensor, latched, state, event = qos.SENSOR, qos.LATCHED, qos.STATE_IN, qos.EVENT
-        sensor.depth = 1  # Only what is true now is shown.
+        sensor.depth = 1  # Only where it is now is shown ..
+        decisions = qos.LATCHED
+        decisions.depth = 10  # .. but every epoch.
         self._listen('odom', Odometry, sensor, self._with_odometry)
         self._listen('battery_state', BatteryState, qos.SENSOR, self._with_battery)
         self._listen('fault_mode', String, state, self._with_fault)
@@ -47,7 +49,7 @@ class VehicleEar:
         self._listen('goal_completed', String, event, self._told('completed'))
         self._listen('goal_refused', String, event, self._told('out of reach', 'warning'))
         self._listen('policy_set', String, latched, self._told('new policy set'))
-        self._listen('manager/decision', DiagnosticArray, latched, self._with_decision)
+        self._listen('manager/decision', DiagnosticArray, decisions, self._with_decision)
 
     def _listen(self, topic: str, kind: Any, profile: Any, change: HeardChange) -> None:
         def heard(message: Any) -> None:
