@@ -9,7 +9,10 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from urllib.error import URLError
+from urllib.request import urlopen
 
 import pytest
 from ros_helpers import ROOT, ros_domain
@@ -31,12 +34,8 @@ class Demo:
         self.logs = logs
         self.process = subprocess.Popen(
             [
-                sys.executable,
-                '-m',
-                'uav_mission_manager.cli.demo',
-                '--logs',
-                str(logs),
-                *arguments,
+                *(sys.executable, '-m', 'uav_mission_manager.cli.demo'),
+                *('--logs', str(logs), *arguments),
             ],
             cwd=ROOT,
             env=environment,
@@ -71,14 +70,22 @@ class Demo:
         return '\n'.join(self.lines)
 
 
-@pytest.fixture
-def demo(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Demo]:
+@contextmanager
+def started(folder: Path, *arguments: str) -> Iterator[Demo]:
+    """Start the demo, and end it where the test has not."""
     with ros_domain() as domain:
-        demo = Demo(tmp_path / 'logs', domain, *getattr(request, 'param', ()))
+        demo = Demo(folder / 'logs', domain, *arguments)
         yield demo
         if demo.process.poll() is None:
             demo.process.terminate()
             demo.process.wait(LIMIT)
+
+
+@pytest.fixture
+def demo(tmp_path: Path) -> Iterator[Demo]:
+    """The demo alone; its page has tests of its own."""
+    with started(tmp_path, '--no-page') as demo:
+        yield demo
 
 
 def alive(pid: int) -> bool:
@@ -165,13 +172,41 @@ def test_ctrl_c_ends_everything_that_was_started(demo):
     assert not [name for name, pid in pids.items() if alive(pid)]
 
 
-OWN = '--policy', 'policies/case_study', '--speedup', '16'
+def test_each_goal_of_a_policy_sets_mission_is_flown_once(tmp_path):
+    own = '--policy', 'policies/case_study', '--speedup', '16', '--no-page'
+    with started(tmp_path, *own) as demo:
+        assert demo.finish() == 0, demo.text
+        assert 'Mission case_study: 3 of 3 goals achieved, vehicle home and disarmed' in demo.text
+        assert demo.text.count('* base station: goal1 high, goal2 high, goal3 high') == 1
+        for goal in ('goal1', 'goal2', 'goal3'):
+            assert demo.text.count(f'* vehicle: {goal} completed') == 1
 
 
-@pytest.mark.parametrize('demo', [OWN], indirect=True)
-def test_each_goal_of_a_policy_sets_mission_is_flown_once(demo):
-    assert demo.finish() == 0, demo.text
-    assert 'Mission case_study: 3 of 3 goals achieved, vehicle home and disarmed' in demo.text
-    assert demo.text.count('* base station: goal1 high, goal2 high, goal3 high') == 1
-    for goal in ('goal1', 'goal2', 'goal3'):
-        assert demo.text.count(f'* vehicle: {goal} completed') == 1
+def test_the_page_is_served_and_ends_with_the_demo(tmp_path):
+    with started(tmp_path) as demo:
+        address = demo.until('The flights on a page: ').split()[-1]
+        demo.until('* pids ')
+        with urlopen(address, timeout=LIMIT) as page:
+            assert page.status == 200
+        demo.process.send_signal(signal.SIGINT)
+        assert demo.finish() == 130
+        with pytest.raises(URLError):
+            urlopen(address, timeout=5)
+
+
+def test_without_what_the_page_needs_the_demo_says_so_and_flies(tmp_path, monkeypatch):
+    blocked = tmp_path / 'blocked'
+    blocked.mkdir()
+    (blocked / 'sitecustomize.py').write_text(
+        'import sys\n'
+        'class Missing:\n'
+        '    def find_spec(self, name, path=None, target=None):\n'
+        "        if name == 'nicegui':\n"
+        '            raise ModuleNotFoundError(name)\n'
+        'sys.meta_path.insert(0, Missing())\n'
+    )
+    monkeypatch.setenv('PYTHONPATH', f'{blocked}{os.pathsep}{ROOT}')
+    with started(tmp_path) as demo:
+        line = demo.until('No page: ')
+        assert "pip install '.[page]'" in line
+        demo.until('* pids ')

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from importlib.util import find_spec
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
@@ -18,6 +17,9 @@ from uav_mission_manager.nodes.parameters import NodeParameter, declare
 from uav_mission_manager.nodes.runtime import run_node
 from uav_mission_manager.paths import expanded
 
+DEFAULT_PORT = 8080
+"""TCP port of the page: what such pages usually have."""
+
 PARAMETERS = (
     NodeParameter(
         'policy',
@@ -28,7 +30,7 @@ PARAMETERS = (
     NodeParameter(
         'host', '127.0.0.1', 'Address to serve the page on; others than this need a token'
     ),
-    NodeParameter('port', 8080, 'TCP port of the page; 0 is any that is free', 0, 65535),
+    NodeParameter('port', DEFAULT_PORT, 'TCP port of the page; 0 is any that is free', 0, 65535),
     NodeParameter('token', '', 'Word without which nobody is let in; needed where others may ask'),
     NodeParameter(
         'old_after', 3.0, 'Age above which what was heard is shown as old [s]', 0.5, 60.0
@@ -55,12 +57,11 @@ class Console(Node):
     def __init__(self) -> None:
         super().__init__('console')
         p = declare(self, PARAMETERS)
-        if find_spec('nicegui') is None:
-            raise ValueError(
-                "NiceGUI is missing: pip install '.[page]' where this package is from"
-            )
-        from uav_mission_manager.console import serving  # The others need not have it.
-
+        try:
+            from uav_mission_manager.console import serving  # The other nodes need not have it.
+        except ModuleNotFoundError as error:
+            why = f"{error.name or error}: pip install '.[page]' where this package is from"
+            raise ValueError(f'the page needs {why}') from error
         if not (p.token or serving.is_loopback(p.host)):
             raise ValueError(f'parameter token: not given; host {p.host} can be reached by others')
         steady = safety_clock()

@@ -7,7 +7,7 @@ import os
 import random
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +17,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from uav_mission_manager.cli.demo.flight import DemoFlight
-from uav_mission_manager.cli.demo.scenarios import Wait, case_one, own_mission, three_goals
+from uav_mission_manager.cli.demo.missions import DemoMission, mission_of, shipped_missions
+from uav_mission_manager.cli.demo.page import serve_page
 from uav_mission_manager.cli.demo.stack import Stack
 from uav_mission_manager.cli.demo.view import View
 from uav_mission_manager.cli.errors import (
@@ -26,51 +27,17 @@ from uav_mission_manager.cli.errors import (
     one_line_errors,
     undisturbed,
 )
-from uav_mission_manager.echo import quoted, shown
-from uav_mission_manager.mdp import Mission, load_mission
+from uav_mission_manager.echo import quoted
+from uav_mission_manager.mdp import Mission
 from uav_mission_manager.mdp.fields import positive
 from uav_mission_manager.nodes.transport import without_shared_memory
 from uav_mission_manager.onboard.recording import bag_names, require_rosbags
-from uav_mission_manager.paths import share_directory
-from uav_mission_manager.policy import build_policy, load_policy
-
-MAX_STEP_TIME = 60.0
-"""Time [s] that each step of a scenario may take: a choice."""
-
-MAX_GOAL_TIME = 3600.0
-"""Simulated time [s] that each goal of a mission of one's own may take: a choice, beyond any task
-that a battery lasts for."""
 
 MAX_WATCH_TIME = 45.0
 """Time [s] to watch the vehicle come home by itself after a process has ended: a choice."""
 
 MAX_BLIND_TIME = 10.0
 """The same [s] where nothing can be seen of the vehicle any more: a choice."""
-
-
-@dataclass(frozen=True)
-class DemoMission:
-    """What the demo flies.
-
-    Attributes
-    ----------
-    title, folder : str
-        What it is called on the screen, and among the logs.
-    script : callable
-        What happens, see `scenarios`.
-    mission : Mission
-    policy : path or None
-        The policy set built from it; None where it is still to be built.
-    limit : float
-        Time [s] that each step of the script may take.
-    """
-
-    title: str
-    folder: str
-    script: Callable[[DemoFlight], Iterator[Wait]]
-    mission: Mission
-    policy: Path | None = None
-    limit: float = MAX_STEP_TIME
 
 
 @dataclass(frozen=True)
@@ -110,6 +77,9 @@ def _parser() -> CommandParser:
         default=8.0,
         help='simulated seconds per second; default: %(default)g',
     )
+    parser.add_argument(
+        '--no-page', action='store_true', help='do not serve the page of the console'
+    )
     parser.add_argument('--logs', type=Path, help='directory for the logs; default: a new one')
     recording = parser.add_mutually_exclusive_group()
     recording.add_argument(
@@ -135,39 +105,24 @@ def _demonstrate(options: argparse.Namespace) -> int:
     os.environ.setdefault('ROS_DOMAIN_ID', str(random.randint(1, 100)))
     logs = options.logs or Path(tempfile.mkdtemp(prefix='uav-demo-'))
     bags = _place_of_bags(options, logs)
-    missions = [_own(options.policy, options.speedup)] if options.policy else _cases()
+    own = options.policy
+    missions = [mission_of(own, options.speedup)] if own else shipped_missions(logs)
     results: list[FlightResult] = []
-    for mission in missions:
-        folder = mission.folder
-        bag = bags and next(place for place in bag_names(bags / folder) if not place.exists())
-        results.append(_fly(mission, logs / folder, options.speedup, bag))
-        if not results[-1].good:
-            break
+    without_shared_memory()
+    with ExitStack() as page:
+        if not options.no_page:
+            policies = [mission.policy for mission in missions]
+            print(page.enter_context(serve_page(policies, logs)), flush=True)
+        for mission in missions:
+            folder = mission.folder
+            bag = bags and next(place for place in bag_names(bags / folder) if not place.exists())
+            results.append(_fly(mission, logs / folder, options.speedup, bag))
+            if not results[-1].good:
+                break
     _summarise(results, logs)
     if bags is not None:
-        policy = mission.policy or logs / mission.folder / 'policy'
-        print(f'bags: {bags}; see mission_replay {bag} --policy {policy}')
+        print(f'bags: {bags}; see mission_replay {bag} --policy {mission.policy}')
     return 0 if all(result.good for result in results) else 1
-
-
-def _cases() -> list[DemoMission]:
-    config = share_directory() / 'config'
-    one, three = (load_mission(config / f'{name}.yaml') for name in ('case_one', 'case_study'))
-    return [
-        DemoMission('Case I: one goal', 'case_one', case_one, one),
-        DemoMission('Three goals', 'case_study', three_goals, three),
-    ]
-
-
-def _own(policy: Path, speedup: float) -> DemoMission:
-    """Return the mission that a policy set was built from, if it can be flown."""
-    mission = load_policy(policy).mission
-    for field, value in (('grid.origin', mission.grid.origin), ('energy', mission.energy)):
-        if value is None:
-            raise ValueError(f'{shown(policy)}: {field}: is missing in its mission; needed to fly')
-    limit = max(MAX_GOAL_TIME / speedup, MAX_STEP_TIME)
-    title = f'Mission {shown(mission.name)}'
-    return DemoMission(title, 'mission', own_mission, mission, policy, limit)
 
 
 def _place_of_bags(options: argparse.Namespace, logs: Path) -> Path | None:
@@ -185,17 +140,13 @@ def _place_of_bags(options: argparse.Namespace, logs: Path) -> Path | None:
 
 
 def _fly(planned: DemoMission, logs: Path, speedup: float, bag: Path | None) -> FlightResult:
-    """Build the policy, start the processes and fly one mission."""
+    """Start the processes and fly one mission."""
     start = time.monotonic()
     mission, title = planned.mission, planned.title
     logs.mkdir(parents=True, exist_ok=True)
     mission_file = logs / 'mission.yaml'
     mission_file.write_text(yaml.safe_dump(mission.to_dict()))
-    policy = planned.policy or logs / 'policy'
-    if planned.policy is None:
-        build_policy(mission).save(policy)
-    stack = Stack(mission_file, policy, logs, speedup, bag)
-    without_shared_memory()
+    stack = Stack(mission_file, planned.policy, logs, speedup, bag)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     executor = SingleThreadedExecutor()
     try:

@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 from uav_mission_manager.nodes.background import dying_with_parent
@@ -105,15 +106,7 @@ class Stack:
 
     def stop(self) -> None:
         """End everything, the vehicle last."""
-        for process in reversed(self.processes.values()):
-            if process.poll() is None:
-                process.send_signal(signal.SIGINT)
-        for process in self.processes.values():
-            try:
-                process.wait(STOP_TIMEOUT)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+        end_processes(reversed(self.processes.values()))
 
     def _start_node(self, name: str, **parameters: object) -> None:
         assignments = [
@@ -124,17 +117,41 @@ class Stack:
         self._start(name, f'nodes.{name}', '--ros-args', '-r', f'__ns:={NAMESPACE}', *assignments)
 
     def _start(self, name: str, module: str, *arguments: str) -> None:
-        with (self.logs / f'{name}.log').open('wb') as log:
-            # In a session of its own, for Ctrl-C to reach the demo alone, which ends the rest.
-            self.processes[name] = subprocess.Popen(
-                [sys.executable, '-m', f'uav_mission_manager.{module}', *arguments],
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                stdin=subprocess.DEVNULL,
-                start_new_session=True,
-                env={**os.environ, 'PYTHONUNBUFFERED': '1', 'ROS_HOME': self._ros_home},
-                preexec_fn=dying_with_parent(),
-            )
+        log = self.logs / f'{name}.log'
+        self.processes[name] = start_process(log, self._ros_home, module, *arguments)
+
+
+def start_process(
+    log: Path, ros_home: str, module: str, *arguments: str
+) -> subprocess.Popen[bytes]:
+    """Start a module of this package, which writes into a file and dies with this process.
+
+    It is in a session of its own, for Ctrl-C to reach the demo alone, which ends the rest.
+    """
+    with log.open('wb') as output:
+        return subprocess.Popen(
+            [sys.executable, '-m', f'uav_mission_manager.{module}', *arguments],
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+            env={**os.environ, 'PYTHONUNBUFFERED': '1', 'ROS_HOME': ros_home},
+            preexec_fn=dying_with_parent(),
+        )
+
+
+def end_processes(processes: Iterable[subprocess.Popen[bytes]]) -> None:
+    """End processes, all at once; one that does not is killed."""
+    running = list(processes)
+    for process in running:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+    for process in running:
+        try:
+            process.wait(STOP_TIMEOUT)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
 
 
 def _free_udp_ports(count: int) -> list[int]:
