@@ -44,6 +44,8 @@ class Fleet:
     Attributes
     ----------
     heard : dict of str to Heard
+    attended : set of str
+        The vehicles that a page has shown at large: who may be ordered something.
     orders : queue of OperatorOrder
         What the page orders.
     answers : tuple of OrderAnswer
@@ -54,6 +56,7 @@ class Fleet:
 
     def __init__(self, shelf: PolicyShelf, clock: Callable[[], float], timeout: float) -> None:
         self.heard: dict[str, Heard] = {}
+        self.attended: set[str] = set()
         self.orders: SimpleQueue[OperatorOrder] = SimpleQueue()
         self._shelf, self.clock, self.timeout = shelf, clock, timeout
         self._forecaster = Forecaster()

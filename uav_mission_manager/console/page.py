@@ -103,6 +103,8 @@ class VehiclePage:
 
     def _select(self, vehicle: str) -> None:
         self._selected = vehicle
+        if vehicle in self._fleet.heard:
+            self._fleet.attended.add(vehicle)
         self._seen.clear()
 
     def _look(self) -> None:

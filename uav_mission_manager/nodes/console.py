@@ -68,7 +68,7 @@ class Console(Node):
         shelf = PolicyShelf([str(expanded(path)) for path in p.policy.split(':')])
         self._fleet = Fleet(shelf, lambda: seconds(steady), p.old_after)
         self._ears: dict[str, VehicleEar] = {}
-        self._desk = OrderDesk(self, self._fleet)
+        OrderDesk(self, self._fleet)
         listener = serving.listening_socket(p.host, p.port)
         self.create_subscription(
             DiagnosticArray,
@@ -89,7 +89,6 @@ class Console(Node):
             inside = vehicle == own or vehicle.startswith(f'{own}/')
             if vehicle != name and inside and vehicle not in self._ears:
                 self._ears[vehicle] = VehicleEar(self, self._fleet, vehicle)
-                self._desk.open(vehicle)
                 self.get_logger().info(f'vehicle {vehicle or "/"}')
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:

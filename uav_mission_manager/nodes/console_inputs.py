@@ -26,6 +26,7 @@ from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.clocks import seconds
 from uav_mission_manager.nodes.frames import MAP_FRAME
+from uav_mission_manager.nodes.vehicle_inputs import NO_EVENTS
 
 HeardChange = Callable[[Heard, Any], Heard]
 """How a message changes what is known; raises `ValueError` where it cannot be believed."""
@@ -60,6 +61,7 @@ class VehicleEar:
             f'{self._vehicle}/{topic}',
             heard,
             profile,
+            event_callbacks=NO_EVENTS,
             qos_overriding_options=qos.OVERRIDABLE,
         )
 

@@ -22,7 +22,7 @@ from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.clocks import safety_clock
 from uav_mission_manager.nodes.command_outputs import NO_PUBLISHER_EVENTS
 
-DESK_PERIOD = 0.05
+DESK_PERIOD = 0.1
 """Time [s] between two looks for orders: a choice, not felt by a hand."""
 
 ANSWER_TIME = 5.0
@@ -57,7 +57,7 @@ class OrderDesk:
         self._calls: list[Call] = []
         node.create_timer(DESK_PERIOD, self._work, clock=safety_clock())
 
-    def open(self, vehicle: str) -> None:
+    def _open(self, vehicle: str) -> None:
         """Find the services of a vehicle, before they are needed: an early call may be lost."""
         for name in SERVICES.values():
             self._client(Trigger, f'{vehicle}/{name}')
@@ -76,6 +76,8 @@ class OrderDesk:
         return self._clients[name]
 
     def _work(self) -> None:
+        for vehicle in self._fleet.attended - self._threats.keys():
+            self._open(vehicle)
         while True:
             try:
                 order = self._fleet.orders.get_nowait()
