@@ -128,7 +128,10 @@ def test_of_a_stale_link_the_page_is_grey_and_its_controls_say_why(ros, crew):
 def test_keys_hold_and_resume_and_change_to_dark(ros, crew):
     vehicle, screen = crew
     screen.until('.authority .word', 'MANAGER')
-    screen.page.keyboard.press('h')
+    screen.press('Controls')
+    for _ in range(3):  # One question at a time, and one order of it.
+        screen.page.keyboard.press('h')
+        ros.spin(0.3)
     screen.press('Yes')
     ros.until(lambda: vehicle.ordered == ['mavlink_bridge/hold'], 'the order')
     before = screen.page.evaluate('getComputedStyle(document.body).backgroundColor')

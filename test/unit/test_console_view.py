@@ -164,7 +164,7 @@ def test_why_in_one_sentence_with_the_second_best():
     now = view_of('/uav1', complete(), MISSION, (), NOW, TIMEOUT).now
     assert now.headline.text == 'GO FOR REPAIR'
     assert now.reason == 'goal2 has high priority'
-    assert now.second == 'second best: recharge, costs 1.11 more'
+    assert now.second == 'second best: recharge, costs +1.11'
     assert now.closeness == 'within 2.3% of the best possible'
 
 

@@ -89,8 +89,7 @@ class Controls:
 
     async def ask(self, kind: str) -> None:
         """Ask whether an order is meant, and give it."""
-        if self._obstacle:
-            ui.notify(f'{kind}: {self._obstacle}', type='warning')
+        if self._refused(kind) or self._dialog.value:
             return
         values: tuple[int, ...] = ()
         if kind == 'threat':
@@ -99,9 +98,15 @@ class Controls:
             values = tuple(int(toggle.value) for toggle in self._priorities)
         order = OperatorOrder(self._vehicle, kind, values)
         self._question.text = question(order, self._mission)
-        if await self._dialog:
+        if await self._dialog and not self._refused(kind):
             self._fleet.orders.put(order)
             self._touched = False
+
+    def _refused(self, kind: str) -> bool:
+        """Say why an order cannot be given now, if so."""
+        if self._obstacle:
+            ui.notify(f'{kind}: {self._obstacle}', type='warning')
+        return bool(self._obstacle)
 
     def news(self) -> None:
         """Tell what became of orders since the last look."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from queue import SimpleQueue
@@ -67,6 +68,11 @@ class Fleet:
         answer = OrderAnswer(number, order, good, text)
         self.answers = (*self.answers, answer)[-MOST_ANSWERS_KEPT:]
 
+    @property
+    def names(self) -> list[str]:
+        """The vehicles, `/uav2` before `/uav10`."""
+        return sorted(self.heard, key=_natural)
+
     def policy(self, vehicle: str) -> Policy | None:
         """Return the policy set that a vehicle's manager uses; None while it is not at hand."""
         heard = self.heard.get(vehicle)
@@ -99,3 +105,9 @@ class Fleet:
         if policy is not None and state:
             self._forecaster.want(vehicle, policy, state)
         return self._forecaster.found.get(vehicle)
+
+
+def _natural(name: str) -> list[tuple[bool, int, str]]:
+    """Sort key by which numbers in names count as numbers."""
+    parts = re.findall(r'\d+|\D+', name)
+    return [(part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts]

@@ -38,7 +38,8 @@ OVERLAY_STYLE = """
 .trail{fill:none;stroke:var(--craft);stroke-opacity:.45;stroke-width:.16em}
 .craft{fill:var(--craft);stroke:#fff;stroke-width:.14em;stroke-linejoin:round}
 .craft.old{fill:var(--stale)}.other .craft{fill:var(--dim)}
-.threat-1{fill:var(--warning);fill-opacity:.35}.threat-2{fill:var(--danger);fill-opacity:.45}
+.threat-1{fill:var(--warning);stroke:var(--warning)}.threat-2{fill:var(--danger);
+stroke:var(--danger)}.threat-1,.threat-2{fill-opacity:.3;stroke-width:.3em}
 """
 """Styles of what moves; colours are variables of the page, for light and dark."""
 

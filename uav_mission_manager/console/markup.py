@@ -42,16 +42,16 @@ def top_html(view: VehicleView) -> str:
 
 
 def tile_html(view: VehicleView, selected: bool) -> str:
-    """A vehicle among several."""
-    battery, link = view.facts['battery'], view.facts['link']
-    worst = view.now.headline.tone or view.authority.tone
-    return (
-        f'<div class="tile{" selected" if selected else ""}"><b>{escape(view.name)}</b>'
-        f'<span class="word {view.authority.tone}">{escape(view.authority.word)}</span>'
-        f'<span class="{worst}">{escape(view.now.headline.text)}</span>'
-        f'<span class="{battery.tone}">{escape(battery.text)}</span>'
-        f'<span class="{link.tone}">{escape(link.text)}</span></div>'
-    )
+    """A vehicle among several: what it does, its charge, and whatever is not as it should be."""
+    battery, now = view.facts['battery'], view.now.headline
+    parts = [(now.tone, now.text), (battery.tone, battery.text)]
+    if view.authority.tone != 'good':
+        parts.insert(0, (f'word {view.authority.tone}', view.authority.word))
+    troubled = (view.facts[name] for name in ('link', 'fault', 'threat'))
+    parts += [(fact.tone, fact.text) for fact in troubled if fact.tone in ('warning', 'danger')]
+    words = ''.join(f'<span class="{tone}">{escape(text)}</span>' for tone, text in parts)
+    chosen = ' selected' if selected else ''
+    return f'<div class="tile{chosen}"><b>{escape(view.name)}</b>{words}</div>'
 
 
 def now_html(now: NowAndWhy) -> str:

@@ -49,13 +49,12 @@ class VehiclePage:
         self._selected = ''
         self._seen: dict[str, tuple[Heard, int]] = {}
         self._mission: Mission | None = None
-        self._mission_text = ''
         self._blocks: list[ui.html] = []
         self._drawn: list[tuple[int, int]] = []
         self._tiles: dict[str, ui.html] = {}
         self._dark = ui.dark_mode(None)
         self._build()
-        ui.keyboard(self._on_key)
+        ui.keyboard(self._on_key, ignore=['input', 'select', 'textarea'])
         self._look()
         ui.timer(LOOK_PERIOD, self._look)
 
@@ -88,7 +87,7 @@ class VehiclePage:
     async def _on_key(self, event: KeyEventArguments) -> None:
         if not event.action.keydown or event.action.repeat:
             return
-        key, names = str(event.key), sorted(self._fleet.heard)
+        key, names = str(event.key), self._fleet.names
         if key == 'c':
             self._toggle_drawer()
         elif key == 'd':
@@ -109,7 +108,7 @@ class VehiclePage:
 
     def _look(self) -> None:
         """Send what has changed since the last look; ages change by the second."""
-        names = sorted(self._fleet.heard)
+        names = self._fleet.names
         if self._selected not in names:
             self._select(names[0] if names else '')
         second = int(self._fleet.clock())

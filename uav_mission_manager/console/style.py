@@ -29,7 +29,8 @@ grid-template-areas:"head head" "tiles tiles" "map side" "time log"}
 .console.with-drawer{grid-template-columns:minmax(0,2fr) minmax(0,1fr) 19rem;
 grid-template-areas:"head head head" "tiles tiles tiles" "map side drawer" "time log drawer"}
 .area-head{grid-area:head;display:flex;gap:8px;align-items:stretch}.area-head>:first-child{flex:1}
-.area-tiles{grid-area:tiles;display:flex;gap:8px;flex-wrap:wrap}.area-map{grid-area:map}
+.area-tiles{grid-area:tiles;display:flex;gap:5px 8px;flex-wrap:wrap;max-height:6.6rem;
+overflow-y:auto}.area-map{grid-area:map}
 .area-side{grid-area:side;overflow-y:auto}.area-time{grid-area:time;display:flex;min-width:0}
 .area-log{grid-area:log;overflow-y:auto;max-height:11.5rem}
 .area-drawer{grid-area:drawer;overflow-y:auto;display:none;flex-direction:column;gap:.5rem}
@@ -41,7 +42,10 @@ grid-template-areas:"head head head" "tiles tiles tiles" "map side drawer" "time
 .time-scroll>div{direction:ltr;display:flex;width:max-content;
 margin-right:auto}
 .time-scroll svg{display:block}.timeline-names{padding:19px 8px 0 0;white-space:pre}
-@media (max-width:900px){.console,.console.with-drawer{height:auto;
+@media (max-width:1100px){.console{grid-template-columns:minmax(0,1.2fr) minmax(0,1fr)}
+.console.with-drawer{grid-template-columns:minmax(0,1fr) minmax(0,1fr) 15rem}
+.authority .word,.now .headline{font-size:1.8rem!important}.value{font-size:1.25rem!important}}
+@media (max-width:720px){.console,.console.with-drawer{height:auto;
 grid-template-columns:minmax(0,1fr);grid-template-rows:auto;
 grid-template-areas:"head" "tiles" "side" "map" "drawer" "time" "log"}.area-map{height:60vw}
 .top{flex-wrap:wrap}}
@@ -68,7 +72,7 @@ border-radius:4px}
 @keyframes blink{50%{background:transparent;color:var(--danger)}}
 @media (prefers-reduced-motion:reduce){.danger .value{animation:none}}
 .stale .value,.tile .stale{color:var(--stale)}
-.tile{display:flex;gap:.6em;border:2px solid var(--line);border-radius:6px;padding:2px 10px;
+.tile{display:flex;gap:.6em;border:2px solid var(--line);border-radius:6px;padding:0 8px;
 cursor:pointer;align-items:baseline}.tile.selected{border-color:var(--craft)}
 .tile .word{font-weight:800}
 .now .headline{font-size:2.3rem;font-weight:800;line-height:1.08;color:var(--craft);
@@ -78,8 +82,9 @@ overflow-wrap:anywhere}.now.stale .headline,.now.stale .reason{color:var(--stale
 .now .close{font-size:1.05rem;color:var(--good);font-weight:600}
 h2{font-size:.85rem!important;font-weight:400;color:var(--dim);margin:.5rem 0 .15rem;
 line-height:1.2!important}
-.bar{display:grid;grid-template-columns:11.5rem 1fr 4.2rem;gap:.5rem;align-items:center;
-line-height:1.3}.bar .name{overflow:hidden;text-overflow:ellipsis;white-space:nowrap}
+.bar{display:grid;grid-template-columns:minmax(0,12.5rem) minmax(3rem,1fr) 4.2rem;gap:.5rem;
+align-items:center;line-height:1.3}.bar .name{overflow:hidden;
+text-overflow:ellipsis;white-space:nowrap}
 .bar .track{height:.8rem;background:color-mix(in srgb,var(--line) 40%,transparent);
 border-radius:3px}.bar .fill{display:block;height:100%;background:var(--dim);border-radius:3px}
 .bar.choice{font-weight:800;color:var(--craft)}.bar.choice .name::before{content:"\\25b6\\a0"}

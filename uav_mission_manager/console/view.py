@@ -145,12 +145,13 @@ def _now_and_why(
     if at_base and decision.command == 'none normal':
         words = 'STAY AT BASE'
     least = min(decision.values, default=math.nan)
+    actions = action_bars(decision, mission)
     return NowAndWhy(
         headline=Fact(words, 'stale' if old else '', old or decision.command),
         reason=reason,
-        second=_second(decision),
+        second=_second(decision, actions),
         closeness=closeness(decision.lower_bound, decision.upper_bound, least),
-        actions=action_bars(decision, mission),
+        actions=actions,
         forbidden=tuple(
             name
             for name, value in zip(_action_names(decision, mission), decision.values)
@@ -160,10 +161,11 @@ def _now_and_why(
     )
 
 
-def _second(decision: HeardDecision) -> str:
+def _second(decision: HeardDecision, actions: Sequence[Bar]) -> str:
     if not decision.runner_up:
         return 'nothing else is allowed'
-    return f'second best: {decision.runner_up}, costs {decision.margin:.3g} more'
+    extra = next((bar.value for bar in actions if bar.kind == 'second'), f'{decision.margin:+.3g}')
+    return f'second best: {decision.runner_up}, costs {extra}'
 
 
 def action_bars(decision: HeardDecision, mission: Mission | None) -> tuple[Bar, ...]:
