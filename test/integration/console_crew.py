@@ -81,7 +81,7 @@ class PlayedVehicle:
     def publish(self) -> None:
         """Publish all that is to be said now."""
         if self.state is not None:
-            self._publish_decision()
+            self.decide()
         if self.place is not None:
             message = Odometry()
             message.header.frame_id, message.header.stamp = 'map', self._now()
@@ -101,7 +101,8 @@ class PlayedVehicle:
         if self.phase is not None:
             self._publish_bridge(self.phase)
 
-    def _publish_decision(self) -> None:
+    def decide(self) -> None:
+        """Publish what the policy says of the state."""
         outcome = Refusal(self.refusal) if self.refusal else POLICY.decide(self.state)
         status = decision_status(
             'manager: decision', outcome, Situation(POLICY.mission), 0.0, POLICY.digest

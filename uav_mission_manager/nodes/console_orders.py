@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from queue import Empty
 from typing import Any
@@ -25,6 +26,10 @@ from uav_mission_manager.nodes.command_outputs import NO_PUBLISHER_EVENTS
 DESK_PERIOD = 0.1
 """Time [s] between two looks for orders: a choice, not felt by a hand."""
 
+REPORTS = 5
+"""How often a threat level is said: a choice, over half a second, as a reader that has just been
+found may lose the first ones."""
+
 ANSWER_TIME = 5.0
 """Time [s] for an answer, after which an order counts as lost: a choice."""
 
@@ -37,7 +42,7 @@ SERVICES = {
 
 
 @dataclass
-class Call:
+class ServiceCall:
     """An order that waits for its service, and then for the answer."""
 
     order: OperatorOrder
@@ -45,6 +50,37 @@ class Call:
     request: Any
     until: float
     future: Any = None
+
+    def go_on(self, now: float) -> tuple[bool, str] | None:
+        """Return whether it was done, and a word about it; None while it is not known."""
+        if self.future is None and self.client.service_is_ready():
+            self.future = self.client.call_async(self.request)
+        if self.future is not None and self.future.done():
+            return READINGS[type(self.request)](self.future.result())
+        if now < self.until:
+            return None
+        waits = 'nobody offers' if self.future is None else 'no answer of'
+        return False, f'{waits} {self.client.srv_name}'
+
+
+@dataclass
+class ThreatReport:
+    """An order that waits for listeners, and is then said several times, for one may be lost."""
+
+    order: OperatorOrder
+    publisher: Publisher
+    until: float
+    left: int = REPORTS
+
+    def go_on(self, now: float) -> tuple[bool, str] | None:
+        """Return whether it was said, and a word about it; None while it is not yet."""
+        level = THREAT_LEVELS[self.order.values[0]]
+        if self.publisher.get_subscription_count() > 0:
+            self.publisher.publish(String(data=level))
+            self.left -= 1
+        if not self.left:
+            return True, f'told: {level}'
+        return None if now < self.until else (False, f'nobody hears {self.publisher.topic_name}')
 
 
 class OrderDesk:
@@ -54,7 +90,7 @@ class OrderDesk:
         self._node, self._fleet = node, fleet
         self._clients: dict[str, Client] = {}
         self._threats: dict[str, Publisher] = {}
-        self._calls: list[Call] = []
+        self._given: list[ServiceCall | ThreatReport] = []
         node.create_timer(DESK_PERIOD, self._work, clock=safety_clock())
 
     def _open(self, vehicle: str) -> None:
@@ -78,47 +114,28 @@ class OrderDesk:
     def _work(self) -> None:
         for vehicle in self._fleet.attended - self._threats.keys():
             self._open(vehicle)
-        while True:
-            try:
+        with suppress(Empty):
+            while True:
                 order = self._fleet.orders.get_nowait()
-            except Empty:
-                break
-            self._node.get_logger().info(f'ordered: {order.kind} {order.vehicle} {order.values}')
-            self._begin(order)
-        for call in list(self._calls):
-            if self._done(call):
-                self._calls.remove(call)
+                words = f'{order.kind} {order.vehicle} {order.values or ""}'
+                self._node.get_logger().info(f'ordered: {words}')
+                self._given.append(self._begin(order))
+        for given in list(self._given):
+            if (end := given.go_on(self._fleet.clock())) is not None:
+                self._given.remove(given)
+                self._fleet.answer(given.order, *end)
 
-    def _begin(self, order: OperatorOrder) -> None:
-        if order.kind == 'threat':
-            level = THREAT_LEVELS[order.values[0]]
-            listeners = self._threats[order.vehicle].get_subscription_count()
-            self._threats[order.vehicle].publish(String(data=level))
-            self._fleet.answer(order, listeners > 0, f'told {listeners} listeners: {level}')
-            return
+    def _begin(self, order: OperatorOrder) -> ServiceCall | ThreatReport:
         until = self._fleet.clock() + ANSWER_TIME
+        if order.kind == 'threat':
+            return ThreatReport(order, self._threats[order.vehicle], until)
         if order.kind == 'priorities':
             name = f'{order.vehicle}/base_station/set_parameters'
             parameter = Parameter('priorities', value=list(order.values)).to_parameter_msg()
             request = SetParameters.Request(parameters=[parameter])
-            self._calls.append(Call(order, self._client(SetParameters, name), request, until))
-            return
+            return ServiceCall(order, self._client(SetParameters, name), request, until)
         client = self._client(Trigger, f'{order.vehicle}/{SERVICES[order.kind]}')
-        self._calls.append(Call(order, client, Trigger.Request(), until))
-
-    def _done(self, call: Call) -> bool:
-        """Go on with a call; return whether it has ended."""
-        if call.future is None and call.client.service_is_ready():
-            call.future = call.client.call_async(call.request)
-        if call.future is not None and call.future.done():
-            good, text = READINGS[type(call.request)](call.future.result())
-            self._fleet.answer(call.order, good, text)
-            return True
-        if self._fleet.clock() < call.until:
-            return False
-        waits = 'nobody offers' if call.future is None else 'no answer of'
-        self._fleet.answer(call.order, False, f'{waits} {call.client.srv_name}')
-        return True
+        return ServiceCall(order, client, Trigger.Request(), until)
 
 
 def _read_trigger(response: Trigger.Response) -> tuple[bool, str]:
