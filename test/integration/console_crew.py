@@ -207,7 +207,7 @@ def browser() -> Iterator[Browser]:
 
 def start_console(ros: Ros, *parameters: str, port: int = 0) -> tuple[NodeProcess, str]:
     """Start the node and return it with the page's address."""
-    words = [f'policy:={ROOT}/policies/case_study', f'port:={port}', *parameters]
+    words = [f'port:={port}', *parameters]
     arguments = [word for parameter in words for word in ('-p', parameter)]
     process = ros.start('nodes.console', '--ros-args', *arguments)
 

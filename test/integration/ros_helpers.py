@@ -31,7 +31,7 @@ from uav_mission_manager.nodes.transport import without_shared_memory
 ROOT = Path(__file__).resolve().parents[2]
 ONE_OF_A_KIND = 'nodes.manager', 'nodes.base_station', 'nodes.mavlink_bridge'
 CASE_STUDY = {
-    'nodes.manager': f'policy:={ROOT}/policies/case_study',
+    **dict.fromkeys(('nodes.manager', 'nodes.console'), f'policy:={ROOT}/policies/case_study'),
     **dict.fromkeys(
         ('nodes.base_station', 'nodes.mavlink_bridge', 'nodes.solver'),
         f'mission:={ROOT}/config/case_study.yaml',

@@ -197,6 +197,10 @@ def test_without_the_token_there_is_no_page(ros, chromium):
     ('parameter', 'complaint'),
     [
         ('host:=0.0.0.0', 'parameter token: not given; host 0.0.0.0 can be reached by others'),
+        (
+            'token:=a;b',
+            'other characters than letters, digits, - and _',
+        ),
         ('policy:=/nowhere', '/nowhere'),
         ('port:=70000', 'parameter port'),
     ],

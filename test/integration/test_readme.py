@@ -33,8 +33,8 @@ NOT_HERE = (
     'ros2 launch ',  # test_mission_launch.py
     'ros2 param set /uav1/',  # A node of the launch before it.
 )
-PORT = '14550'
-"""The one of README; a free one is used in its place, as others may fly here."""
+PORTS = re.compile('14550|8080')
+"""Those of README; free ones are used in their place, as others may fly here."""
 
 
 def blocks(language: str) -> list[str]:
@@ -92,7 +92,7 @@ def run_command(ros: Ros, name: str, rest: str, home: Path) -> None:
         ros.domain,
         home,
         f'uav_mission_manager.{modules()[name]}',
-        *(word.replace(PORT, str(free_port())) for word in words),
+        *(PORTS.sub(str(free_port()), word) for word in words),
         cwd=home,
         HOME=str(home),
         PYTHONPATH=f'{ROOT}:{os.environ.get("PYTHONPATH", "")}',

@@ -271,6 +271,8 @@ def test_a_signal_at_any_moment_ends_every_node(start: Start, number: int) -> No
         arguments = given(node)
         if node == 'mavlink_bridge':
             arguments = given(node, f'connection:=udpin:127.0.0.1:{free_port()}')
+        if node == 'console':
+            arguments = given(node, 'port:=0')
         process = start(node, *arguments, '-r', f'__ns:=/n{place}')
         processes.append((process, random.uniform(0.0, 2.0)))
     began = time.monotonic()

@@ -222,7 +222,7 @@ def test_a_node_starts_and_decides_without_scipy():
     """Its parts take twice as long to import as all else; only a solver needs them."""
     program = """
 import sys
-from uav_mission_manager.nodes import base_station, manager, mavlink_bridge, solver
+from uav_mission_manager.nodes import base_station, console, manager, mavlink_bridge, solver
 from uav_mission_manager.policy import load_policy
 for name in 'case_study', 'case_one':
     policy = load_policy(f'policies/{name}')

@@ -13,6 +13,7 @@ from uav_mission_manager.console.heard import Heard, HeardDecision, HeardEpoch, 
 from uav_mission_manager.console.map_overlay import (
     Craft,
     base_layer,
+    goal_layer,
     moving_layer,
     target_of,
 )
@@ -43,7 +44,10 @@ def heard_of(state=STATE, command='commit goal2 normal', pose=(10.0, -20.0), cha
 
 def drawn(heard, mission=MISSION, crafts=None):
     own = {'/uav1': Craft(heard.pose.value, False)} if heard.pose else {}
-    return ElementTree.fromstring(moving_layer(mission, heard, '/uav1', {**own, **(crafts or {})}))
+    tree = ElementTree.fromstring(goal_layer(mission, heard))
+    moving = moving_layer(mission, heard, '/uav1', {**own, **(crafts or {})})
+    tree.append(ElementTree.fromstring(moving))
+    return tree
 
 
 def of_class(tree, kind):
@@ -197,6 +201,7 @@ def test_what_comes_from_outside_is_escaped_everywhere():
         log_html([Line('12:00:00', HOSTILE)]),
         moving_layer(mission, heard, '', {HOSTILE: Craft(heard.pose.value, False)}),
         base_layer(mission),
+        goal_layer(mission, heard),
         block_svg([epoch(1, STATE, HOSTILE)], 3),
     ]
     for part in parts:

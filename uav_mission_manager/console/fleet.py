@@ -86,7 +86,7 @@ class Fleet:
         state = heard.decision.value.state if heard.decision else ()
         parts = self._shelf.parts(policy, state) if policy and state else ()
         mission = policy.mission if policy else None
-        return view_of(vehicle, heard, mission, parts, self.clock(), self.timeout)
+        return view_of(vehicle or '/', heard, mission, parts, self.clock(), self.timeout)
 
     def crafts(self, mission: Mission) -> dict[str, Craft]:
         """Return the vehicles that are on the grid of a mission, by namespace."""

@@ -63,8 +63,22 @@ class Craft:
     old: bool
 
 
+def goal_layer(mission: Mission, heard: Heard) -> str:
+    """Return the goals as they are wanted; they change with a decision only."""
+    scale = Scale(mission)
+    parts = (
+        *_threat(mission, heard),
+        *_goals(mission, heard, scale),
+    )
+    return '\n'.join((_layer(mission, scale), *parts, '</svg>'))
+
+
+def _layer(mission: Mission, scale: Scale) -> str:
+    return opening(mission, scale).replace('role="img"', 'role="presentation"')
+
+
 def moving_layer(mission: Mission, heard: Heard, vehicle: str, crafts: Mapping[str, Craft]) -> str:
-    """Return goals as they are wanted, range, way and trail of a vehicle, and all vehicles.
+    """Return range, way and trail of a vehicle, and all vehicles.
 
     Parameters
     ----------
@@ -77,15 +91,13 @@ def moving_layer(mission: Mission, heard: Heard, vehicle: str, crafts: Mapping[s
     """
     scale = Scale(mission)
     parts = [
-        opening(mission, scale).replace('role="img"', 'role="presentation"'),
+        _layer(mission, scale),
         '<clipPath id="map-edge"><rect '
         f'x="{scale.west:.6g}" y="{scale.north:.6g}" width="{scale.east - scale.west:.6g}" '
         f'height="{scale.south - scale.north:.6g}"/></clipPath>',
-        *_threat(mission, heard),
         *_range(mission, heard),
         *_trail(heard),
         *_way(mission, heard, scale),
-        *_goals(mission, heard, scale),
     ]
     for name, craft in crafts.items():
         if name != vehicle:

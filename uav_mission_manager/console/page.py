@@ -9,7 +9,7 @@ from uav_mission_manager.console.controls import Controls
 from uav_mission_manager.console.fleet import Fleet
 from uav_mission_manager.console.forecasting import FORECAST_FLIGHTS, GoalChances
 from uav_mission_manager.console.heard import Heard
-from uav_mission_manager.console.map_overlay import base_layer, moving_layer
+from uav_mission_manager.console.map_overlay import base_layer, goal_layer, moving_layer
 from uav_mission_manager.console.markup import (
     bars_html,
     forbidden_html,
@@ -69,7 +69,7 @@ class VehiclePage:
                     ).tooltip(KEYS_HELP)
             self._tile_row = ui.element('nav').classes('area-tiles')
             with ui.element('section').classes('area-map box'):
-                self._base, self._moving = _html(), _html()
+                self._base, self._goals, self._moving = (_html() for _ in range(3))
             with ui.element('section').classes('area-side box'):
                 self._now, self._actions, self._parts, self._forecast = (_html() for _ in range(4))
             with ui.element('section').classes('area-time box'):
@@ -155,11 +155,12 @@ class VehiclePage:
     def _show_map(self, name: str, heard: Heard, mission: Mission | None) -> None:
         if mission is None:
             self._base.content = '<p class="note">no map: the policy set is not at hand here</p>'
-            self._moving.content = ''
+            self._goals.content = self._moving.content = ''
             return
         if mission is not self._mission:
             self._mission = mission
             self._base.content = base_layer(mission)
+        self._goals.content = goal_layer(mission, heard)
         crafts = self._fleet.crafts(mission)
         self._moving.content = moving_layer(mission, heard, name, crafts)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -9,6 +10,7 @@ from rclpy.node import Node
 
 from uav_mission_manager.console.fleet import Fleet
 from uav_mission_manager.console.policies import PolicyShelf
+from uav_mission_manager.echo import quoted
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.clocks import safety_clock, seconds
 from uav_mission_manager.nodes.console_inputs import VehicleEar
@@ -62,6 +64,11 @@ class Console(Node):
         except ModuleNotFoundError as error:
             why = f"{error.name or error}: pip install '.[page]' where this package is from"
             raise ValueError(f'the page needs {why}') from error
+        if not re.fullmatch(r'[\w-]*', p.token, re.ASCII):
+            raise ValueError(
+                f'parameter token: {quoted(p.token)} has other characters than letters, digits, '
+                '- and _'
+            )
         if not (p.token or serving.is_loopback(p.host)):
             raise ValueError(f'parameter token: not given; host {p.host} can be reached by others')
         steady = safety_clock()
@@ -79,7 +86,8 @@ class Console(Node):
         )
         self.create_timer(SEARCH_PERIOD, self._search, clock=steady)
         self._server = serving.serve(self._fleet, listener, p.token)
-        self.get_logger().info(f'page: http://{p.host}:{listener.getsockname()[1]}/')
+        place = f'[{p.host}]' if ':' in p.host else p.host
+        self.get_logger().info(f'page: http://{place}:{listener.getsockname()[1]}/')
 
     def _search(self) -> None:
         """Listen to vehicles that were not there before."""
