@@ -19,10 +19,10 @@ from uav_mission_manager.console.map_overlay import (
 )
 from uav_mission_manager.console.markup import (
     bars_html,
-    forbidden_html,
     forecast_html,
     log_html,
     now_html,
+    rest_html,
     tile_html,
     top_html,
 )
@@ -196,7 +196,7 @@ def test_what_comes_from_outside_is_escaped_everywhere():
         tile_html(view, True),
         now_html(view.now),
         bars_html(HOSTILE, (Bar(HOSTILE, HOSTILE, 0.5),)),
-        forbidden_html([HOSTILE]),
+        rest_html([HOSTILE], 3),
         forecast_html({HOSTILE: {1: 0.5}}, HOSTILE),
         log_html([Line('12:00:00', HOSTILE)]),
         moving_layer(mission, heard, '', {HOSTILE: Craft(heard.pose.value, False)}),
@@ -205,7 +205,7 @@ def test_what_comes_from_outside_is_escaped_everywhere():
         block_svg([epoch(1, STATE, HOSTILE)], 3),
     ]
     for part in parts:
-        ElementTree.fromstring(part)  # Also that it is well-formed.
+        ElementTree.fromstring(f'<div>{part}</div>')  # Also that it is well-formed.
         assert '<script' not in part
         assert '"onload' not in part
         assert '<b>"' not in part

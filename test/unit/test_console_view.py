@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from strategies import case_study
 
 from uav_mission_manager.autopilot.task import Phase
 from uav_mission_manager.console.heard import Heard, HeardBridge, HeardDecision, Noted, Pose
-from uav_mission_manager.console.view import Bar, action_bars, view_of
+from uav_mission_manager.console.view import MOST_BARS, Bar, action_bars, part_bars, view_of
 from uav_mission_manager.console.words import (
     Fact,
     age_text,
@@ -22,7 +23,7 @@ from uav_mission_manager.console.words import (
     link,
     threat,
 )
-from uav_mission_manager.mdp import load_mission
+from uav_mission_manager.mdp import load_mission, mission_from_dict
 from uav_mission_manager.paths import share_directory
 
 MISSION = load_mission(share_directory() / 'config' / 'case_study.yaml')
@@ -209,6 +210,24 @@ def test_bars_are_extra_costs_and_the_choice_has_none():
     forbidden = view_of('/uav1', heard, MISSION, (), NOW, TIMEOUT).now.forbidden
     assert forbidden[:2] == ('commit goal1 normal', 'none agile')
     assert len(forbidden) == 6
+
+
+def test_of_many_actions_the_best_have_bars_and_a_choice_that_is_kept():
+    document = case_study()
+    document['goals'] = [
+        {'name': f'g{j}', 'cell': 5, 'eta': 1.0, 'delta': 1.0} for j in range(1, 51)
+    ]
+    mission = mission_from_dict(document, 'test')
+    values = tuple(float(value) for value in range(100, 204))
+    state = (1, *(1,) * 50, *(1,) * 50, 0, 0, 0, 0)
+    said = decision(state=state, values=values, command='repair', runner_up='none normal')
+    now = view_of('', replace(complete(), decision=said), mission, (), NOW, TIMEOUT).now
+    best = ['none normal', *(f'commit g{j} normal' for j in range(1, MOST_BARS))]
+    assert [bar.name for bar in now.actions] == [*best, 'repair']
+    assert now.dearer == len(values) - MOST_BARS - 1
+    assert max(bar.length for bar in now.actions) == 1.0
+    parts = [((j,), float(j)) for j in range(50)]
+    assert len(part_bars(parts, mission)) == MOST_BARS
 
 
 def test_bars_without_a_mission_have_numbers():

@@ -9,6 +9,9 @@ from uav_mission_manager.console.heard import Line
 from uav_mission_manager.console.view import Bar, NowAndWhy, VehicleView
 from uav_mission_manager.console.words import Fact, InCommand
 
+MOST_NAMED = 12
+"""Actions that are named as not allowed, at most: a choice, three lines."""
+
 Chances = Mapping[str, Mapping[int, float]]
 """Probability that each goal, by name, is done within so many minutes."""
 
@@ -78,10 +81,14 @@ def bars_html(title: str, bars: Sequence[Bar]) -> str:
     return f'<div class="bars"><h2>{escape(title)}</h2>{rows}</div>'
 
 
-def forbidden_html(names: Sequence[str]) -> str:
-    """Actions that are not allowed, in one line."""
-    words = escape(', '.join(names))
-    return f'<p class="forbidden" title="{words}">not allowed: {words}</p>' if names else ''
+def rest_html(forbidden: Sequence[str], dearer: int) -> str:
+    """The actions without a bar, in a line or two."""
+    lines = [f'{dearer} more cost more'] if dearer else []
+    if forbidden:
+        more = len(forbidden) - MOST_NAMED
+        rest = f' and {more} more' if more > 0 else ''
+        lines.append(f'not allowed: {", ".join(forbidden[:MOST_NAMED])}{rest}')
+    return ''.join(f'<p class="rest">{escape(line)}</p>' for line in lines)
 
 
 def forecast_html(chances: Chances | None, note: str) -> str:

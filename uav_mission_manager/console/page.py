@@ -12,10 +12,10 @@ from uav_mission_manager.console.heard import Heard
 from uav_mission_manager.console.map_overlay import base_layer, goal_layer, moving_layer
 from uav_mission_manager.console.markup import (
     bars_html,
-    forbidden_html,
     forecast_html,
     log_html,
     now_html,
+    rest_html,
     tile_html,
     top_html,
 )
@@ -144,7 +144,7 @@ class VehiclePage:
         self._now.content = now_html(view.now)
         title = 'what each action costs more than the best'
         bars = bars_html(title, view.now.actions)
-        self._actions.content = bars + forbidden_html(view.now.forbidden)
+        self._actions.content = bars + rest_html(view.now.forbidden, view.now.dearer)
         self._parts.content = bars_html('expected cost by sub-MDP', view.now.parts)
         self._forecast.content = _forecast(self._fleet.forecast(name), heard)
         self._log.content = log_html(heard.log[-LINES_SHOWN:])

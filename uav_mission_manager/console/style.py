@@ -89,7 +89,7 @@ text-overflow:ellipsis;white-space:nowrap}
 border-radius:3px}.bar .fill{display:block;height:100%;background:var(--dim);border-radius:3px}
 .bar.choice{font-weight:800;color:var(--craft)}.bar.choice .name::before{content:"\\25b6\\a0"}
 .bar.second .fill{background:var(--warning)}.bar .amount{text-align:right;
-font-variant-numeric:tabular-nums}.forbidden{color:var(--dim);font-size:.8rem;margin:.15rem 0 0;
+font-variant-numeric:tabular-nums}.rest{color:var(--dim);font-size:.8rem;margin:.15rem 0 0;
 line-height:1.25}
 .forecast table{border-collapse:collapse;font-variant-numeric:tabular-nums}
 .forecast td,.forecast th{padding:0 .7em 0 0;text-align:right;font-weight:600}

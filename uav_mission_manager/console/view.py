@@ -22,6 +22,9 @@ from uav_mission_manager.console.words import (
 )
 from uav_mission_manager.mdp import Mission, action_name, global_actions
 
+MOST_BARS = 12
+"""Bars of actions, and of sub-MDPs, at most: a choice, of a mission of four goals all."""
+
 PartValues = Sequence[tuple[tuple[int, ...], float]]
 """Goals, from 0, and share of the expected cost of each part of a policy."""
 
@@ -53,7 +56,9 @@ class NowAndWhy:
     actions, parts : tuple of Bar
         The extra cost of each action that is allowed, and the share of each sub-MDP in the cost.
     forbidden : tuple of str
-        The other actions.
+        Actions that are not allowed.
+    dearer : int
+        How many allowed actions have no bar, for they cost more than those that have one.
     """
 
     headline: Fact
@@ -63,6 +68,7 @@ class NowAndWhy:
     actions: tuple[Bar, ...] = ()
     parts: tuple[Bar, ...] = ()
     forbidden: tuple[str, ...] = ()
+    dearer: int = 0
 
 
 @dataclass(frozen=True)
@@ -157,6 +163,7 @@ def _now_and_why(
             for name, value in zip(_action_names(decision, mission), decision.values)
             if not math.isfinite(value)
         ),
+        dearer=sum(map(math.isfinite, decision.values)) - len(actions),
         parts=part_bars(parts, mission),
     )
 
@@ -169,19 +176,23 @@ def _second(decision: HeardDecision, actions: Sequence[Bar]) -> str:
 
 
 def action_bars(decision: HeardDecision, mission: Mission | None) -> tuple[Bar, ...]:
-    """Return what each allowed action costs more than the best, in the order of their numbers."""
+    """Return what allowed actions cost more than the best, in the order of their numbers.
+
+    Of many the `MOST_BARS` best ones; the choice, which may be kept for a while, is one of them.
+    """
     names, values = _action_names(decision, mission), decision.values
     allowed = [value for value in values if math.isfinite(value)]
     if not allowed:
         return ()
-    least, most = min(allowed), max(allowed)
+    best = sorted(allowed)[:MOST_BARS]
+    least, most = best[0], best[-1]
     bars = []
     for name, value in zip(names, values):
-        if not math.isfinite(value):
+        if not math.isfinite(value) or (value > most and name != decision.command):
             continue
         kind = {decision.command: 'choice', decision.runner_up: 'second'}.get(name, '')
         extra = value - least
-        length = extra / (most - least) if most > least else 0.0
+        length = min(extra / (most - least), 1.0) if most > least else 0.0
         text = f'{value:.4g}' if extra == 0.0 else f'+{extra:.3g}'
         bars.append(Bar(name, text, length, kind))
     return tuple(bars)
@@ -196,10 +207,11 @@ def _action_names(decision: HeardDecision, mission: Mission | None) -> list[str]
 
 
 def part_bars(parts: PartValues, mission: Mission | None) -> tuple[Bar, ...]:
-    """Return the share of each sub-MDP in the expected cost."""
+    """Return the share of sub-MDPs in the expected cost; of many the `MOST_BARS` largest ones."""
     if mission is None:
         return ()
-    most = max((abs(value) for _, value in parts), default=0.0)
+    sizes = sorted((abs(value) for _, value in parts), reverse=True)[:MOST_BARS]
+    most, least = (sizes[0], sizes[-1]) if sizes else (0.0, 0.0)
     return tuple(
         Bar(
             ' + '.join(mission.goals[goal].name for goal in goals) or 'common costs',
@@ -207,4 +219,5 @@ def part_bars(parts: PartValues, mission: Mission | None) -> tuple[Bar, ...]:
             abs(value) / most if most else 0.0,
         )
         for goals, value in parts
+        if abs(value) >= least
     )
