@@ -44,7 +44,7 @@ def heard_of(state=STATE, command='commit goal2 normal', pose=(10.0, -20.0), cha
 
 def drawn(heard, mission=MISSION, crafts=None):
     own = {'/uav1': Craft(heard.pose.value, False)} if heard.pose else {}
-    tree = ElementTree.fromstring(goal_layer(mission, heard))
+    tree = ElementTree.fromstring(goal_layer(mission, heard, False))
     moving = moving_layer(mission, heard, '/uav1', {**own, **(crafts or {})})
     tree.append(ElementTree.fromstring(moving))
     return tree
@@ -129,10 +129,20 @@ def test_a_threatened_vehicles_cell_is_marked():
     assert len(of_class(drawn(heard_of((*STATE[:-2], 2, 1))), 'threat-2')) == 1
 
 
-def test_of_a_vehicle_never_heard_the_goals_are_not_wanted():
+def test_of_a_vehicle_never_heard_nothing_is_claimed():
     tree = drawn(Heard())
     assert len(of_class(tree, 'goal-0')) == 3
+    words = [e.text for e in tree.iter(f'{SVG}text')]
+    assert words.count('not known') == 2 * 3  # Each with its halo.
+    assert 'not wanted' not in words
     assert of_class(tree, 'craft') == []
+
+
+def test_of_a_silent_manager_the_goals_are_pale_and_as_they_were():
+    heard = heard_of().with_decision(HeardDecision('link lost'), 1.0, '')
+    tree = ElementTree.fromstring(goal_layer(MISSION, heard, True))
+    (pale,) = of_class(tree, 'pale')
+    assert len(of_class(pale, 'goal-2')) == len(of_class(pale, 'goal-1')) == 1
 
 
 def test_the_base_layer_does_not_move():
@@ -201,7 +211,7 @@ def test_what_comes_from_outside_is_escaped_everywhere():
         log_html([Line('12:00:00', HOSTILE)]),
         moving_layer(mission, heard, '', {HOSTILE: Craft(heard.pose.value, False)}),
         base_layer(mission),
-        goal_layer(mission, heard),
+        goal_layer(mission, heard, True),
         block_svg([epoch(1, STATE, HOSTILE)], 3),
     ]
     for part in parts:

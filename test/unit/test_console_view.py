@@ -79,7 +79,8 @@ def complete(at=NOW):
 )
 def test_who_is_in_command(phase, status, word):
     said = authority(Heard(bridge=bridge(phase, status)), NOW, TIMEOUT)
-    assert (said.word, said.why) == (word, status)
+    assert said.word == word
+    assert said.why == status.replace('; ~/resume gives command back', '')  # As `way_back` says.
     resumes = word in ('PILOT', 'AUTOPILOT', 'ON HOLD', 'RETURNING')
     assert ('Resume' in said.way_back) == resumes
 
@@ -146,6 +147,27 @@ def test_of_nothing_nothing_is_claimed():
     assert {fact.tone for fact in view.facts.values()} == {'stale'}
     assert (view.now.headline.tone, view.now.actions) == ('stale', ())
     assert view.obstacle
+
+
+@pytest.mark.parametrize(
+    ('bridge_says', 'tone', 'words'),
+    [
+        (bridge(), '', 'repair'),
+        (bridge(Phase.PILOT), 'idle', 'repair: not flown, PILOT'),
+        (bridge(Phase.HOLDING), 'idle', 'repair: not flown, ON HOLD'),
+        (bridge(Phase.NO_LINK, link_up=False), 'idle', 'repair: not flown, NO LINK'),
+        (bridge(at=NOW - 10.0), 'idle', 'repair: whether it is flown is not known'),
+    ],
+)
+def test_a_command_that_is_not_flown_says_so(bridge_says, tone, words):
+    heard = replace(complete(), bridge=bridge_says)
+    head = view_of('/uav1', heard, MISSION, (), NOW, TIMEOUT).now.headline
+    assert (head.text, head.tone, head.note) == ('GO FOR REPAIR', tone, words)
+
+
+def test_a_link_that_was_lost_is_so_when_last_heard():
+    heard = Heard(bridge=bridge(Phase.NO_LINK, link_up=False, at=NOW - 5.0))
+    assert authority(heard, NOW, TIMEOUT).why == 'NO LINK when last heard, 5 s old'
 
 
 def test_a_lost_link_is_an_obstacle_and_danger():

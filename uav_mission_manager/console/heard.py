@@ -159,7 +159,7 @@ class Heard:
     def with_decision(self, decision: HeardDecision, at: float, time_of_day: str) -> Heard:
         """Return what is known with a decision; one of a new kind begins an epoch."""
         heard = replace(self, decision=Noted(decision, at))
-        if len(decision.state) != len(_last_state(self.epochs)) and decision.state:
+        if len(decision.state) != len(last_state(self.epochs)) and decision.state:
             heard = replace(heard, epochs=())  # Of another mission: its columns say nothing here.
         last = heard.epochs[-1] if heard.epochs else None
         if last and (last.state, last.command) == (decision.state, decision.command):
@@ -211,7 +211,7 @@ class Heard:
         return heard.with_line(Line(time_of_day, f'asked for: priorities {text}'))
 
 
-def _last_state(epochs: tuple[HeardEpoch, ...]) -> tuple[int, ...]:
+def last_state(epochs: tuple[HeardEpoch, ...]) -> tuple[int, ...]:
     """The last state that was decided in; empty where there is none."""
     return next((epoch.state for epoch in reversed(epochs) if epoch.state), ())
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from html import escape
 
-from uav_mission_manager.console.heard import Heard, Pose
+from uav_mission_manager.console.heard import Heard, Pose, last_state
 from uav_mission_manager.drawing.base_map import (
     Scale,
     drawn_name,
@@ -29,6 +29,7 @@ PRIORITY_WORDS = ('not wanted', 'low priority', 'high priority')
 OVERLAY_STYLE = """
 .goal-0{fill:var(--ground);stroke:var(--dim)}.goal-1{fill:var(--low);stroke:var(--ink)}
 .goal-2{fill:var(--high);stroke:var(--ink)}
+.pale{opacity:.45}
 .lost{stroke-dasharray:.35em .25em}.committed{fill:none;stroke:var(--craft);stroke-width:.28em}
 .sign-0{fill:var(--dim)!important;font-weight:700}.sign-1{fill:#1d1c1a!important;font-weight:700}
 .sign-2{fill:#fff!important;font-weight:700}
@@ -63,12 +64,17 @@ class Craft:
     old: bool
 
 
-def goal_layer(mission: Mission, heard: Heard) -> str:
-    """Return the goals as they are wanted; they change with a decision only."""
+def goal_layer(mission: Mission, heard: Heard, old: bool) -> str:
+    """Return the goals as they are wanted, or were when that was last decided, pale if it is old.
+
+    They change with a decision only.
+    """
     scale = Scale(mission)
     parts = (
         *_threat(mission, heard),
+        f'<g class="{"pale" if old else "now"}">',
         *_goals(mission, heard, scale),
+        '</g>',
     )
     return '\n'.join((_layer(mission, scale), *parts, '</svg>'))
 
@@ -169,7 +175,7 @@ def _goals(mission: Mission, heard: Heard, scale: Scale) -> Iterator[str]:
     """Draw goals by priority and state: the larger, the more is wanted."""
     size, drawn = scale.text, dict[int, int]()
     space = StateSpace(mission.k, mission.grid.q)
-    state = heard.decision.value.state if heard.decision else ()
+    state = last_state(heard.epochs)
     known = len(state) == len(space.names)
     for j, goal in enumerate(mission.goals):
         priority = state[1 + mission.k + j] if known else 0
@@ -181,6 +187,7 @@ def _goals(mission: Mission, heard: Heard, scale: Scale) -> Iterator[str]:
         east, north = mission.grid.position(goal.cell)
         x, y = east, -north + drawn[goal.cell] * 3.4 * size
         words = PRIORITY_WORDS[priority] + ('' if in_range else ', out of range')
+        words = words if known else 'not known'
         place = f'cx="{x:.6g}" cy="{y:.6g}"'
         lost = '' if in_range else ' lost'
         yield f'<g><title>{escape(f"{shown(goal.name)}: cell {goal.cell}, {words}")}</title>'

@@ -7,7 +7,7 @@ from nicegui.events import KeyEventArguments
 
 from uav_mission_manager.console.controls import Controls
 from uav_mission_manager.console.fleet import Fleet
-from uav_mission_manager.console.forecasting import FORECAST_FLIGHTS, GoalChances
+from uav_mission_manager.console.forecasting import FORECAST_FLIGHTS
 from uav_mission_manager.console.heard import Heard
 from uav_mission_manager.console.map_overlay import base_layer, goal_layer, moving_layer
 from uav_mission_manager.console.markup import (
@@ -139,6 +139,7 @@ class VehiclePage:
 
     def _show(self, name: str, heard: Heard) -> None:
         view, policy = self._fleet.view(name), self._fleet.policy(name)
+        old = view.now.headline.tone in ('stale', 'danger')  # Nothing is decided now.
         mission = policy.mission if policy else None
         self._top.content = top_html(view)
         self._now.content = now_html(view.now)
@@ -146,13 +147,27 @@ class VehiclePage:
         bars = bars_html(title, view.now.actions)
         self._actions.content = bars + rest_html(view.now.forbidden, view.now.dearer)
         self._parts.content = bars_html('expected cost by sub-MDP', view.now.parts)
-        self._forecast.content = _forecast(self._fleet.forecast(name), heard)
+        self._forecast.content = self._forecast_html(name, heard, policy is not None, old)
         self._log.content = log_html(heard.log[-LINES_SHOWN:])
         self._controls.show(view, heard, mission)
-        self._show_map(name, heard, mission)
+        self._show_map(name, heard, mission, old)
         self._show_time(heard, mission)
 
-    def _show_map(self, name: str, heard: Heard, mission: Mission | None) -> None:
+    def _forecast_html(self, name: str, heard: Heard, at_hand: bool, old: bool) -> str:
+        """The forecast from the present state, or why there is none."""
+        if old or heard.decision is None:
+            return forecast_html(None, 'nothing is decided now')
+        if not at_hand:
+            return forecast_html(None, 'the policy set is not at hand here')
+        found = self._fleet.forecast(name)
+        if found is None or found.trouble:
+            return forecast_html(None, found.trouble if found else 'not yet')
+        of = 'from here' if heard.decision.value.state == found.state else 'from a moment ago'
+        if not found.chances:
+            return forecast_html(None, f'{of}: no goal is wanted')
+        return forecast_html(found.chances, f'{of}, by {FORECAST_FLIGHTS} simulated flights')
+
+    def _show_map(self, name: str, heard: Heard, mission: Mission | None, old: bool) -> None:
         if mission is None:
             self._base.content = '<p class="note">no map: the policy set is not at hand here</p>'
             self._goals.content = self._moving.content = ''
@@ -160,7 +175,7 @@ class VehiclePage:
         if mission is not self._mission:
             self._mission = mission
             self._base.content = base_layer(mission)
-        self._goals.content = goal_layer(mission, heard)
+        self._goals.content = goal_layer(mission, heard, old)
         crafts = self._fleet.crafts(mission)
         self._moving.content = moving_layer(mission, heard, name, crafts)
 
@@ -187,15 +202,3 @@ class VehiclePage:
 def _html(classes: str = '') -> ui.html:
     """An empty part; what is put there is escaped where it is made."""
     return ui.html('', sanitize=False).classes(classes)
-
-
-def _forecast(found: GoalChances | None, heard: Heard) -> str:
-    if found is None:
-        return forecast_html(None, 'not yet')
-    if found.trouble:
-        return forecast_html(None, found.trouble)
-    here = heard.decision is not None and heard.decision.value.state == found.state
-    of = 'from here' if here else 'from a moment ago'
-    if not found.chances:
-        return forecast_html(None, f'{of}: no goal is wanted')
-    return forecast_html(found.chances, f'{of}, by {FORECAST_FLIGHTS} simulated flights')

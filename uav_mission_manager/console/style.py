@@ -77,6 +77,7 @@ cursor:pointer;align-items:baseline}.tile.selected{border-color:var(--craft)}
 .tile .word{font-weight:800}
 .now .headline{font-size:2.3rem;font-weight:800;line-height:1.08;color:var(--craft);
 overflow-wrap:anywhere}.now.stale .headline,.now.stale .reason{color:var(--stale)}
+.now.idle .headline{color:var(--dim);font-weight:600}
 .now.danger .headline{color:var(--danger)}
 .now .reason{font-size:1.25rem;font-weight:600}.now .second{font-size:1.05rem}
 .now .close{font-size:1.05rem;color:var(--good);font-weight:600}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from uav_mission_manager.autopilot.task import Phase
 from uav_mission_manager.console.heard import Heard, HeardDecision
@@ -119,11 +119,13 @@ def view_of(
         'fault': fault(heard, now, timeout),
         'threat': threat(heard, now, timeout),
     }
+    in_command = authority(heard, now, timeout)
+    card = _now_and_why(heard, mission, parts, now, timeout)
     return VehicleView(
         name=name,
-        authority=authority(heard, now, timeout),
+        authority=in_command,
         facts=facts,
-        now=_now_and_why(heard, mission, parts, now, timeout),
+        now=replace(card, headline=_as_flown(card.headline, in_command)),
         obstacle=obstacle(heard, now, timeout),
     )
 
@@ -166,6 +168,15 @@ def _now_and_why(
         dearer=sum(map(math.isfinite, decision.values)) - len(actions),
         parts=part_bars(parts, mission),
     )
+
+
+def _as_flown(headline: Fact, in_command: InCommand) -> Fact:
+    """Say so where a command is not flown, for someone else is in command."""
+    if headline.tone or in_command.tone == 'good':
+        return headline
+    if in_command.tone == 'stale':
+        return Fact(headline.text, 'idle', f'{headline.note}: whether it is flown is not known')
+    return Fact(headline.text, 'idle', f'{headline.note}: not flown, {in_command.word}')
 
 
 def _second(decision: HeardDecision, actions: Sequence[Bar]) -> str:

@@ -63,16 +63,17 @@ def authority(heard: Heard, now: float, timeout: float) -> InCommand:
     if old:
         last = _in_command(said).word
         return InCommand('UNKNOWN', 'stale', f'{last} when last heard, {old}', '')
-    if not said.link_up:
-        return InCommand('NO LINK', 'danger', said.status, 'it goes on when the link is back')
     return _in_command(said)
 
 
 def _in_command(said: HeardBridge) -> InCommand:
     resume = 'Resume gives command back to the manager'
+    if not said.link_up:
+        return InCommand('NO LINK', 'danger', said.status, 'it goes on when the link is back')
     if said.phase == Phase.PILOT.value:
         who = 'AUTOPILOT' if 'failsafe' in said.status else 'PILOT'
-        return InCommand(who, 'warning', said.status, f'when the pilot agrees: {resume}')
+        why = said.status.replace('; ~/resume gives command back', '')
+        return InCommand(who, 'warning', why, f'when the pilot agrees, {resume}')
     if said.phase == Phase.HOLDING.value:
         return InCommand('ON HOLD', 'warning', said.status, resume)
     if said.phase == Phase.RETURNING.value:
