@@ -17,6 +17,9 @@ from nicegui import ui
 from uav_mission_manager.console.fleet import Fleet
 from uav_mission_manager.console.page import define_page
 
+CLOSING_TIME = 0.5
+"""Time [s] in which the server ends: a choice, within a node's time to end."""
+
 COOKIE = 'console_token'
 """Name of the cookie that a browser shows instead of the token."""
 
@@ -109,13 +112,20 @@ async def _answer(
     await send({'type': 'http.response.body', 'body': text.encode()})
 
 
-def serve(fleet: Fleet, listener: socket.socket, token: str) -> uvicorn.Server:
-    """Serve the page in a thread until the process ends."""
-    app = FastAPI(openapi_url=None)
-    define_page(fleet)
-    ui.run_with(app, show_welcome_message=False, tailwind=False, reconnect_timeout=10.0)
-    logging.getLogger('nicegui').setLevel(logging.WARNING)
-    config = uvicorn.Config(Gate(app, token), log_level='warning', lifespan='on')
-    server = uvicorn.Server(config)
-    threading.Thread(target=server.run, args=([listener],), daemon=True).start()
-    return server
+class PageServer:
+    """Serves the page in a thread until it is closed."""
+
+    def __init__(self, fleet: Fleet, listener: socket.socket, token: str) -> None:
+        app = FastAPI(openapi_url=None)
+        define_page(fleet)
+        ui.run_with(app, show_welcome_message=False, tailwind=False, reconnect_timeout=10.0)
+        logging.getLogger('nicegui').setLevel(logging.WARNING)
+        config = uvicorn.Config(Gate(app, token), log_level='warning', lifespan='on')
+        self._server = uvicorn.Server(config)
+        self._thread = threading.Thread(target=self._server.run, args=([listener],), daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread: one that still serves while the interpreter ends can crash it."""
+        self._server.should_exit = self._server.force_exit = True
+        self._thread.join(CLOSING_TIME)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
@@ -12,7 +13,7 @@ from uav_mission_manager.console.fleet import Fleet
 from uav_mission_manager.console.policies import PolicyShelf
 from uav_mission_manager.echo import quoted
 from uav_mission_manager.nodes import qos
-from uav_mission_manager.nodes.clocks import safety_clock, seconds
+from uav_mission_manager.nodes.clocks import safety_clock
 from uav_mission_manager.nodes.console_inputs import VehicleEar
 from uav_mission_manager.nodes.console_orders import OrderDesk
 from uav_mission_manager.nodes.parameters import NodeParameter, declare
@@ -73,7 +74,7 @@ class Console(Node):
             raise ValueError(f'parameter token: not given; host {p.host} can be reached by others')
         steady = safety_clock()
         shelf = PolicyShelf([str(expanded(path)) for path in p.policy.split(':')])
-        self._fleet = Fleet(shelf, lambda: seconds(steady), p.old_after)
+        self._fleet = Fleet(shelf, time.monotonic, p.old_after)
         self._ears: dict[str, VehicleEar] = {}
         OrderDesk(self, self._fleet)
         listener = serving.listening_socket(p.host, p.port)
@@ -85,9 +86,14 @@ class Console(Node):
             qos_overriding_options=qos.OVERRIDABLE,
         )
         self.create_timer(SEARCH_PERIOD, self._search, clock=steady)
-        self._server = serving.serve(self._fleet, listener, p.token)
+        self._server = serving.PageServer(self._fleet, listener, p.token)
         place = f'[{p.host}]' if ':' in p.host else p.host
         self.get_logger().info(f'page: http://{place}:{listener.getsockname()[1]}/')
+
+    def destroy_node(self) -> None:
+        """Close the page, too."""
+        self._server.close()
+        super().destroy_node()
 
     def _search(self) -> None:
         """Listen to vehicles that were not there before."""
