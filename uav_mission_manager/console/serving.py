@@ -17,7 +17,7 @@ from nicegui import ui
 from uav_mission_manager.console.fleet import Fleet
 from uav_mission_manager.console.page import define_page
 
-CLOSING_TIME = 0.5
+PAGE_CLOSING_TIME = 0.5
 """Time [s] in which the server ends: a choice, within a node's time to end."""
 
 COOKIE = 'console_token'
@@ -128,4 +128,4 @@ class PageServer:
     def close(self) -> None:
         """End the thread: one that still serves while the interpreter ends can crash it."""
         self._server.should_exit = self._server.force_exit = True
-        self._thread.join(CLOSING_TIME)
+        self._thread.join(PAGE_CLOSING_TIME)
