@@ -13,14 +13,14 @@ from uav_mission_manager.onboard import (
     MissionManager,
     Refusal,
 )
-from uav_mission_manager.onboard.heard import CHANGES, EVENT_CHANGES, Heard
+from uav_mission_manager.onboard.heard_input import CHANGES, EVENT_CHANGES, HeardInput
 from uav_mission_manager.onboard.trace import TraceWriter
 from uav_mission_manager.policy import Decision, Policy
 
 STEPS = 1500
 
 
-def some_input(rng: random.Random, now: float, goals: list[str]) -> Heard:
+def some_input(rng: random.Random, now: float, goals: list[str]) -> HeardInput:
     """Anything that may be heard, some of it refused."""
     topic = rng.choice(
         ['battery_state', 'odom'] * 6 + [*['fault_mode'] * 3, *CHANGES, *EVENT_CHANGES]
@@ -47,7 +47,7 @@ def some_input(rng: random.Random, now: float, goals: list[str]) -> Heard:
             'threat_level': [*THREAT_LEVELS, *['none'] * 9],
         }
         values = {'name': rng.choice(names.get(topic, [*goals, 'nowhere']))}
-    return Heard(topic, now - rng.choice([0.0, 0.3]), values)
+    return HeardInput(topic, now - rng.choice([0.0, 0.3]), values)
 
 
 class Recorded:

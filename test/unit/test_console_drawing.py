@@ -9,7 +9,14 @@ from dataclasses import replace
 import pytest
 from strategies import case_study
 
-from uav_mission_manager.console.heard import Heard, HeardDecision, HeardEpoch, Line, Noted, Pose
+from uav_mission_manager.console.heard import (
+    Heard,
+    HeardDecision,
+    HeardEpoch,
+    LogLine,
+    Noted,
+    Pose,
+)
 from uav_mission_manager.console.map_overlay import (
     Craft,
     base_layer,
@@ -208,7 +215,7 @@ def test_what_comes_from_outside_is_escaped_everywhere():
         bars_html(HOSTILE, (Bar(HOSTILE, HOSTILE, 0.5),)),
         rest_html([HOSTILE], 3),
         forecast_html({HOSTILE: {1: 0.5}}, HOSTILE),
-        log_html([Line('12:00:00', HOSTILE)]),
+        log_html([LogLine('12:00:00', HOSTILE)]),
         moving_layer(mission, heard, '', {HOSTILE: Craft(heard.pose.value, False)}),
         base_layer(mission),
         goal_layer(mission, heard, True),
@@ -227,5 +234,5 @@ def test_a_probability_that_was_counted_is_never_certain():
 
 
 def test_the_log_has_the_newest_first():
-    page = log_html([Line('12:00:00', 'old'), Line('12:00:01', 'new', 'danger')])
+    page = log_html([LogLine('12:00:00', 'old'), LogLine('12:00:01', 'new', 'danger')])
     assert page.index('new') < page.index('old')

@@ -15,7 +15,7 @@ from uav_mission_manager.console.heard import (
     Heard,
     HeardBridge,
     HeardDecision,
-    Line,
+    LogLine,
     Pose,
     bridge_from,
     decision_from,
@@ -93,7 +93,7 @@ def test_only_so_much_is_kept():
     heard = Heard()
     for number in range(MOST_EPOCHS_KEPT + 5):
         heard = heard.with_decision(decided((1, *STATE[1:7], number, *STATE[8:])), 1.0, '')
-        heard = heard.with_line(Line('', 'x' * 10_000))
+        heard = heard.with_line(LogLine('', 'x' * 10_000))
         heard = heard.with_pose(Pose(number * TRAIL_STEP, 0.0, 0.0, 0.0), 1.0)
     assert [epoch.number for epoch in heard.epochs] == list(range(6, MOST_EPOCHS_KEPT + 6))
     assert len(heard.log) == MOST_LINES_KEPT

@@ -106,7 +106,7 @@ class HeardBridge:
 
 
 @dataclass(frozen=True)
-class Line:
+class LogLine:
     """A line of the log: time of day, what happened, and how bad: '', `warning` or `danger`."""
 
     time_of_day: str
@@ -137,7 +137,7 @@ class Heard:
     decision: Noted[HeardDecision] | None = None
     bridge: Noted[HeardBridge] | None = None
     epochs: tuple[HeardEpoch, ...] = ()
-    log: tuple[Line, ...] = ()
+    log: tuple[LogLine, ...] = ()
 
     def with_pose(self, pose: Pose, at: float) -> Heard:
         """Return what is known with a position; one that is not a number is unknown."""
@@ -172,7 +172,7 @@ class Heard:
         text, level = f'{decision.command}: {decision.reason}', ''
         if not decision.command:
             text, level = f'no command: {decision.reason}', 'warning'
-        return heard.with_line(Line(time_of_day, text, level))
+        return heard.with_line(LogLine(time_of_day, text, level))
 
     def with_bridge(self, bridge: HeardBridge, at: float, time_of_day: str) -> Heard:
         """Return what is known with the state of the bridge; a new phase is told."""
@@ -181,9 +181,9 @@ class Heard:
         if last and (last.phase, last.link_up) == (bridge.phase, bridge.link_up):
             return heard
         level = '' if bridge.link_up else 'danger'
-        return heard.with_line(Line(time_of_day, f'bridge: {bridge.status}', level))
+        return heard.with_line(LogLine(time_of_day, f'bridge: {bridge.status}', level))
 
-    def with_line(self, line: Line) -> Heard:
+    def with_line(self, line: LogLine) -> Heard:
         """Return what is known with a line of the log."""
         line = replace(line, text=shown(line.text, 300))
         return replace(self, log=(*self.log, line)[-MOST_LINES_KEPT:])
@@ -193,14 +193,14 @@ class Heard:
         heard = replace(self, fault=Noted(name, at))
         if self.fault and self.fault.value == name:
             return heard
-        return heard.with_line(Line(time_of_day, f'fault mode {name}'))
+        return heard.with_line(LogLine(time_of_day, f'fault mode {name}'))
 
     def with_threat(self, level: str, at: float, time_of_day: str) -> Heard:
         """Return what is known with a threat level; a new one is told."""
         heard = replace(self, threat=Noted(level, at))
         if self.threat and self.threat.value == level:
             return heard
-        return heard.with_line(Line(time_of_day, f'threat heard: {level}'))
+        return heard.with_line(LogLine(time_of_day, f'threat heard: {level}'))
 
     def with_asked(self, priorities: tuple[int, ...], at: float, time_of_day: str) -> Heard:
         """Return what is known with the priorities that are asked for; new ones are told."""
@@ -208,7 +208,7 @@ class Heard:
         if self.asked and self.asked.value == priorities:
             return heard
         text = ' '.join(map(str, priorities))
-        return heard.with_line(Line(time_of_day, f'asked for: priorities {text}'))
+        return heard.with_line(LogLine(time_of_day, f'asked for: priorities {text}'))
 
 
 def last_state(epochs: tuple[HeardEpoch, ...]) -> tuple[int, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from html import escape
 
-from uav_mission_manager.console.heard import Line
+from uav_mission_manager.console.heard import LogLine
 from uav_mission_manager.console.view import Bar, NowAndWhy, VehicleView
 from uav_mission_manager.console.words import Fact, InCommand
 
@@ -116,7 +116,7 @@ def _percent(share: float) -> str:
     return '&lt; 1%' if share < 0.005 else f'{share:.0%}'
 
 
-def log_html(lines: Sequence[Line]) -> str:
+def log_html(lines: Sequence[LogLine]) -> str:
     """The log, newest first."""
     rows = ''.join(
         f'<li class="{line.level}"><time>{escape(line.time_of_day)}</time>'

@@ -16,7 +16,7 @@ from std_msgs.msg import Header, String, UInt8MultiArray
 from uav_mission_manager.console.fleet import Fleet
 from uav_mission_manager.console.heard import (
     Heard,
-    Line,
+    LogLine,
     Pose,
     bridge_from,
     decision_from,
@@ -71,7 +71,7 @@ class VehicleEar:
         try:
             after = change(before, message)
         except ValueError as error:
-            after = before.with_line(Line(time_of_day(), f'{topic}: {shown(error)}', 'warning'))
+            after = before.with_line(LogLine(time_of_day(), f'{topic}: {shown(error)}', 'warning'))
         self._fleet.heard[self._vehicle] = after
 
     def take_diagnostics(self, header: Header, status: DiagnosticStatus) -> None:
@@ -118,7 +118,7 @@ class VehicleEar:
 
     def _told(self, what: str, level: str = '') -> HeardChange:
         return lambda heard, message: heard.with_line(
-            Line(time_of_day(), f'{what}: {message.data}', level)
+            LogLine(time_of_day(), f'{what}: {message.data}', level)
         )
 
     def _with_decision(self, heard: Heard, message: DiagnosticArray) -> Heard:

@@ -34,7 +34,7 @@ from uav_mission_manager.onboard import (
     Refusal,
     format_command,
 )
-from uav_mission_manager.onboard.heard import Heard
+from uav_mission_manager.onboard.heard_input import HeardInput
 from uav_mission_manager.onboard.journal import Journal
 from uav_mission_manager.onboard.trace import TraceWriter
 from uav_mission_manager.policy import Decision, load_policy
@@ -165,7 +165,7 @@ class Manager(ManagedNode):
         policy = self._used.policy
         return f'{shown(self._used.path)} ({policy.method}, {policy.digest[:12]})'
 
-    def _take(self, topic: str, read: Callable[[], Heard]) -> None:
+    def _take(self, topic: str, read: Callable[[], HeardInput]) -> None:
         try:
             heard = read()
             self._core.take(heard)

@@ -59,7 +59,7 @@ TOPICS: dict[str, Any] = {
 }
 """What is recorded: all that the nodes of a vehicle say. A test holds it against them."""
 
-LOOK_PERIOD = 0.2
+DISCOVERY_PERIOD = 0.2
 """Time [s] between two looks for who publishes: a choice."""
 
 SAVE_PERIOD = 0.9
@@ -89,7 +89,7 @@ class MissionRecord(Node):
         self._ended = threading.Event()
         self._saving = threading.Thread(target=self._save_often, daemon=True)
         self._saving.start()
-        self.create_timer(LOOK_PERIOD, self._look, clock=safety_clock())
+        self.create_timer(DISCOVERY_PERIOD, self._look, clock=safety_clock())
         self._look()
         self.get_logger().info(f'records into {folder}')
 

@@ -20,14 +20,14 @@ from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.clocks import seconds
 from uav_mission_manager.nodes.frames import MAP_FRAME
 from uav_mission_manager.onboard import InputError
-from uav_mission_manager.onboard.heard import Heard
+from uav_mission_manager.onboard.heard_input import HeardInput
 from uav_mission_manager.onboard.stamps import stamp_age
 
 Values = Callable[[Any], dict[str, Any]]
 """What a message says, as the arguments of the method of `Situation` that takes it; may raise
 `InputError`."""
 
-Taken = Callable[[str, Callable[[], Heard]], None]
+Taken = Callable[[str, Callable[[], HeardInput]], None]
 """Takes what came on a topic: what reads it, and raises `InputError` where it cannot be."""
 
 HEALTHY = (
@@ -94,9 +94,9 @@ class VehicleInputs:
 
     def _stamped(self, topic: str, kind: Any, values: Values) -> None:
         def heard(message: Any) -> None:
-            def read() -> Heard:
+            def read() -> HeardInput:
                 age = self._age(topic, message.header)
-                return Heard(topic, seconds(self._clock) - age, values(message))
+                return HeardInput(topic, seconds(self._clock) - age, values(message))
 
             self._take(topic, read)
 
@@ -140,8 +140,8 @@ class VehicleInputs:
             kind, topic, heard, profile, qos_overriding_options=qos.OVERRIDABLE
         )
 
-    def _read(self, topic: str, values: Values, message: Any) -> Heard:
-        return Heard(topic, seconds(self._clock), values(message))
+    def _read(self, topic: str, values: Values, message: Any) -> HeardInput:
+        return HeardInput(topic, seconds(self._clock), values(message))
 
     def _age(self, topic: str, header: Header) -> float:
         stamp = header.stamp.sec + header.stamp.nanosec * 1e-9

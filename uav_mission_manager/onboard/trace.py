@@ -4,7 +4,7 @@ Each entry is a line of JSON with `run`, which the manager's start gave it, and 
 than the last entry's. Its `events` are, in their order:
 
 - `["state", {...}]`: settings, digest of the policy, hash of goals and grid, all that is known.
-- `["hear", TOPIC, TIME, {...}]`: a message was taken, see `Heard`.
+- `["hear", TOPIC, TIME, {...}]`: a message was taken, see `HeardInput`.
 - `["step", TIME]` or `["step", TIME, {...}]`: it was decided; with what, if that is new.
 - `["adopt", DIGEST]`, `["reset"]`: another policy set, or goals were reset.
 
@@ -20,7 +20,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from uav_mission_manager.onboard.deciding import Refusal
-from uav_mission_manager.onboard.heard import Heard
+from uav_mission_manager.onboard.heard_input import HeardInput
 from uav_mission_manager.onboard.inputs import InputError
 from uav_mission_manager.onboard.journal import goals_hash
 from uav_mission_manager.onboard.mission_manager import ManagerSettings, MissionManager
@@ -71,7 +71,7 @@ class TraceWriter:
         self._last: object = None
         self._keep_state(now)
 
-    def hear(self, heard: Heard) -> None:
+    def hear(self, heard: HeardInput) -> None:
         """Say what was taken."""
         self._events.append(['hear', heard.topic, heard.time, heard.values])
 
@@ -230,7 +230,7 @@ class Replay:
 
     def _change(self, core: MissionManager, kind: str, *values: Any) -> None:
         if kind == 'hear':
-            core.take(Heard(*values))
+            core.take(HeardInput(*values))
         elif kind == 'adopt':
             self._flown_by(*values)
             core.adopt(self._policy)

@@ -29,7 +29,7 @@ from uav_mission_manager.onboard import (
     format_command,
     parse_command,
 )
-from uav_mission_manager.onboard.heard import Heard
+from uav_mission_manager.onboard.heard_input import HeardInput
 from uav_mission_manager.onboard.priority_request import PriorityRequest
 from uav_mission_manager.onboard.stamps import stamp_age
 from uav_mission_manager.onboard.trace import TraceWriter
@@ -270,19 +270,22 @@ class ManagerProcess(Process):
                 **{'percentage': b.charge, 'healthy': b.healthy, 'voltage': b.voltage},
                 **{'current': -b.current, 'battery': name},
             }
-            self._take(Heard('battery_state', clock, values), stamp)
+            self._take(HeardInput('battery_state', clock, values), stamp)
         for stamp, east, north in bus.odom.take(now):
-            self._take(Heard('odom', clock, {'east': east, 'north': north}), stamp)
+            self._take(HeardInput('odom', clock, {'east': east, 'north': north}), stamp)
         requests = bus.priorities.take(now)
         news = [
-            *(Heard('fault_mode', clock, {'name': name}) for name in bus.fault.take(now)),
-            *(Heard('threat_level', clock, {'name': name}) for name in bus.threat.take(now)),
+            *(HeardInput('fault_mode', clock, {'name': name}) for name in bus.fault.take(now)),
+            *(HeardInput('threat_level', clock, {'name': name}) for name in bus.threat.take(now)),
             *(
-                Heard('goal_priorities', clock, {'values': values, 'request': request})
+                HeardInput('goal_priorities', clock, {'values': values, 'request': request})
                 for values, request in requests
             ),
-            *(Heard('goal_completed', clock, {'name': name}) for name in bus.completed.take(now)),
-            *(Heard('goal_refused', clock, {'name': name}) for name in bus.refused.take(now)),
+            *(
+                HeardInput('goal_completed', clock, {'name': name})
+                for name in bus.completed.take(now)
+            ),
+            *(HeardInput('goal_refused', clock, {'name': name}) for name in bus.refused.take(now)),
         ]
         for heard in news:
             self._take(heard)
@@ -293,7 +296,7 @@ class ManagerProcess(Process):
                 self._trace.adopt()
         return bool(news)
 
-    def _take(self, heard: Heard, stamp: float | None = None) -> None:
+    def _take(self, heard: HeardInput, stamp: float | None = None) -> None:
         topic = heard.topic
         try:
             stamp_age(topic, stamp, self.wall, MANAGER_SETTINGS.input_timeout)

@@ -25,7 +25,7 @@ EVENT_CHANGES: dict[str, Callable[..., Situation]] = {
 
 
 @dataclass(frozen=True)
-class Heard:
+class HeardInput:
     """A message of a topic, as the arguments of the method of `Situation` that takes it.
 
     Attributes
