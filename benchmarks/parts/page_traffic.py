@@ -14,6 +14,7 @@ from std_msgs.msg import String, UInt8MultiArray
 from parts.pages import ROOT
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.reporting import decision_status
+from uav_mission_manager.nodes.topics import TOPICS
 from uav_mission_manager.onboard import Situation
 from uav_mission_manager.policy import load_policy
 
@@ -24,14 +25,14 @@ EPOCH = 5.0
 """Time [s] in which each vehicle comes into another state: a choice, twice as often as it would in
 the case study's cells at 5 m/s."""
 
-TOPICS: tuple[tuple[str, Any, str], ...] = (
-    ('odom', Odometry, 'SENSOR'),
-    ('battery_state', BatteryState, 'SENSOR'),
-    ('fault_mode', String, 'STATE_IN'),
-    ('threat_level', String, 'STATE_IN'),
-    ('goal_priorities', UInt8MultiArray, 'STATE_IN'),
-    ('manager/decision', DiagnosticArray, 'LATCHED'),
-)
+PROFILES = {
+    'odom': qos.SENSOR,
+    'battery_state': qos.SENSOR,
+    'fault_mode': qos.STATE_IN,
+    'threat_level': qos.STATE_IN,
+    'goal_priorities': qos.STATE_IN,
+    'manager/decision': qos.LATCHED,
+}
 
 
 class Traffic(Node):
@@ -43,8 +44,8 @@ class Traffic(Node):
         self._situation = Situation(self._policy.mission)
         self._out = [
             {
-                topic: self.create_publisher(kind, f'/v{n}/{topic}', getattr(qos, profile))
-                for topic, kind, profile in TOPICS
+                topic: self.create_publisher(TOPICS[topic], f'/v{n}/{topic}', profile)
+                for topic, profile in PROFILES.items()
             }
             for n in range(1, count + 1)
         ]

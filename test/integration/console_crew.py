@@ -21,6 +21,7 @@ from std_srvs.srv import Trigger
 
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.reporting import decision_status
+from uav_mission_manager.nodes.topics import TOPICS
 from uav_mission_manager.onboard import Refusal, Situation
 from uav_mission_manager.policy import load_policy
 
@@ -45,22 +46,24 @@ class PlayedVehicle:
         self.threat: str | None = 'none'
         self.asked: tuple[int, ...] | None = (1, 2, 0)
         self.phase: str | None = 'en route'
-        self.status, self.link = 'en route: as commanded', 'up'
+        self.status, self.link, self.work = 'en route: as commanded', 'up', ''
         self.ordered: list[Any] = []
         every_decision = qos.LATCHED
         every_decision.depth = 100  # A test may decide faster than they travel.
         self._publishers = {
-            topic: ros.node.create_publisher(kind, f'{name}/{topic}', profile)
-            for topic, kind, profile in (
-                ('manager/decision', DiagnosticArray, every_decision),
-                ('odom', Odometry, qos.SENSOR),
-                ('battery_state', BatteryState, qos.SENSOR),
-                ('fault_mode', String, qos.STATE_IN),
-                ('threat_level', String, qos.STATE_IN),
-                ('goal_priorities', UInt8MultiArray, qos.STATE_IN),
-                ('goal_completed', String, qos.EVENT),
-                ('goal_refused', String, qos.EVENT),
-                ('policy_set', String, qos.LATCHED),
+            topic: ros.node.create_publisher(TOPICS[topic], f'{name}/{topic}', profile)
+            for topic, profile in (
+                ('manager/decision', every_decision),
+                ('odom', qos.SENSOR),
+                ('battery_state', qos.SENSOR),
+                ('fault_mode', qos.STATE_IN),
+                ('threat_level', qos.STATE_IN),
+                ('goal_priorities', qos.STATE_IN),
+                ('goal_active', qos.LATCHED),
+                ('goal_completed', qos.EVENT),
+                ('goal_failed', qos.EVENT),
+                ('goal_refused', qos.EVENT),
+                ('policy_set', qos.LATCHED),
             )
         }
         self._diagnostics = ros.node.create_publisher(
@@ -112,7 +115,10 @@ class PlayedVehicle:
         self._publishers['manager/decision'].publish(message)
 
     def _publish_bridge(self, phase: str) -> None:
-        facts = {'phase': phase, 'link': self.link, 'mode': 'GUIDED', 'armed': 'True'}
+        facts = {
+            **{'phase': phase, 'link': self.link, 'mode': 'GUIDED', 'armed': 'True'},
+            'goal_at_work': self.work,
+        }
         status = DiagnosticStatus(
             name=f'{self.name}/mavlink_bridge: autopilot',
             message=self.status,

@@ -36,6 +36,8 @@ def test_every_topic_reaches_the_page(ros, crew):
     screen.until('.now .second', action_name(POLICY.mission, decision.runner_up))
     screen.until('.fact:has-text("battery")', '80%')
     screen.until('.authority .word', 'MANAGER')
+    vehicle.work = POLICY.mission.goals[decision.action.goal].name
+    screen.until('.now .headline', f'AT WORK AT {vehicle.work}')
     vehicle.charge, vehicle.fault, vehicle.asked = 0.31, 'sensor_camera', (0, 2, 2)
     vehicle.status, vehicle.phase = 'LOITER was not ordered from here', 'pilot in command'
     vehicle.state = (*START[:-2], 2, 1)
@@ -50,6 +52,10 @@ def test_every_topic_reaches_the_page(ros, crew):
     screen.until('.log', 'completed: goal2')
     vehicle.say('goal_refused', 'goal3')
     screen.until('.log', 'out of reach: goal3')
+    vehicle.say('goal_active', 'goal1')
+    screen.until('.log', 'another program works at: goal1')
+    vehicle.say('goal_failed', 'goal1: no jar left')
+    screen.until('.log .warning', 'task failed: goal1: no jar left')
     vehicle.say('policy_set', '/a/new/set')
     screen.until('.log', 'new policy set: /a/new/set')
     vehicle.place = (100.0, -50.0, 33.0)

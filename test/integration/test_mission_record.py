@@ -16,7 +16,7 @@ from sensor_msgs.msg import BatteryState
 from std_msgs.msg import String
 
 from uav_mission_manager.nodes import qos
-from uav_mission_manager.nodes.mission_record import TOPICS
+from uav_mission_manager.nodes.topics import TOPICS
 
 OF_ROS = {'/parameter_events', '/rosout'}
 STORE = get_typestore(Stores.ROS2_JAZZY)

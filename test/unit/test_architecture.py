@@ -1,6 +1,6 @@
 """Imports run one way: mdp <- solver <- policy <- onboard <- nodes, cli; autopilot is beside.
 
-Pictures of missions (drawing) are before the console's page, which a node serves.
+Pictures of missions (drawing) are before the console's page, which a node and a command serve.
 
 So they do between the rooms of the solver, which all stand on its ground floor. And no two modules
 have one name for two things.
@@ -28,8 +28,8 @@ ALLOWED = {
     'console': {'mdp', 'solver', 'policy', 'onboard', 'autopilot', 'drawing'},
     'nodes': {'mdp', 'solver', 'policy', 'onboard', 'autopilot', 'console', 'ros'},
     'cli': {
-        *('mdp', 'solver', 'policy', 'onboard', 'autopilot', 'drawing', 'nodes', 'ros'),
-        'pymavlink',
+        *('mdp', 'solver', 'policy', 'onboard', 'autopilot', 'drawing', 'console', 'nodes'),
+        *('ros', 'pymavlink'),
     },
 }
 # Room of the solver -> what it may import of the others, all of them before it.

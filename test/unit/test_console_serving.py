@@ -105,3 +105,8 @@ def test_a_port_in_use_is_named():
         port = other.getsockname()[1]
         with pytest.raises(OSError, match=f'host 127.0.0.1, port {port}: Address already in use'):
             listening_socket('127.0.0.1', port)
+
+
+def test_who_comes_before_the_server_has_begun_waits_for_it():
+    with listening_socket('127.0.0.1', 0) as listener:
+        socket.create_connection(listener.getsockname(), timeout=5).close()

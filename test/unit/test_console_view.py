@@ -165,6 +165,26 @@ def test_a_command_that_is_not_flown_says_so(bridge_says, tone, words):
     assert (head.text, head.tone, head.note) == ('GO FOR REPAIR', tone, words)
 
 
+@pytest.mark.parametrize(
+    ('command', 'goal', 'phase', 'words'),
+    [
+        ('commit goal1 normal', 'goal1', Phase.ON_SITE, 'AT WORK AT goal1'),
+        ('commit goal1 agile', 'goal1', Phase.EN_ROUTE, 'AT WORK AT goal1'),
+        ('commit goal1 normal', '', Phase.ON_SITE, 'GO TO goal1'),
+        ('commit goal1 normal', 'goal', Phase.ON_SITE, 'GO TO goal1'),
+        ('commit goal1 normal', 'goal1', Phase.HOLDING, 'GO TO goal1'),
+        ('repair', 'goal1', Phase.EN_ROUTE, 'GO FOR REPAIR'),
+    ],
+)
+def test_at_work_the_vehicle_is_where_it_is_told_to_be_and_is_not_held(
+    command, goal, phase, words
+):
+    noted = bridge(phase)
+    noted = replace(noted, value=replace(noted.value, goal_at_work=goal))
+    heard = replace(complete(), decision=decision(command=command), bridge=noted)
+    assert view_of('/uav1', heard, MISSION, (), NOW, TIMEOUT).now.headline.text == words
+
+
 def test_a_link_that_was_lost_is_so_when_last_heard():
     heard = Heard(bridge=bridge(Phase.NO_LINK, link_up=False, at=NOW - 5.0))
     assert authority(heard, NOW, TIMEOUT).why == 'NO LINK when last heard, 5 s old'

@@ -96,6 +96,8 @@ class HeardBridge:
     mode : str
         Flight mode of the autopilot.
     armed : bool
+    goal_at_work : str
+        The goal at which it does what is to be done there, '' for none.
     """
 
     phase: str
@@ -103,6 +105,7 @@ class HeardBridge:
     link_up: bool
     mode: str
     armed: bool
+    goal_at_work: str = ''
 
 
 @dataclass(frozen=True)
@@ -250,4 +253,5 @@ def bridge_from(message: str, values: Mapping[str, str]) -> HeardBridge:
         link_up=values.get('link') == 'up',
         mode=values.get('mode', ''),
         armed=values.get('armed') == 'True',
+        goal_at_work=values.get('goal_at_work', ''),
     )

@@ -39,6 +39,7 @@ def listening_socket(host: str, port: int) -> socket.socket:
     try:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind((host, port))
+        listener.listen()  # Who is told of the page may come before its server has begun.
     except OSError as error:
         listener.close()
         raise OSError(f'host {host}, port {port}: {error.strerror or error}') from error

@@ -125,7 +125,7 @@ def view_of(
         name=name,
         authority=in_command,
         facts=facts,
-        now=replace(card, headline=_as_flown(card.headline, in_command)),
+        now=replace(card, headline=_as_flown(card.headline, heard, in_command)),
         obstacle=obstacle(heard, now, timeout),
     )
 
@@ -170,10 +170,14 @@ def _now_and_why(
     )
 
 
-def _as_flown(headline: Fact, in_command: InCommand) -> Fact:
-    """Say so where a command is not flown, for someone else is in command."""
-    if headline.tone or in_command.tone == 'good':
+def _as_flown(headline: Fact, heard: Heard, in_command: InCommand) -> Fact:
+    """Say so where the vehicle is at work, and where someone else is in command."""
+    if headline.tone:
         return headline
+    if in_command.tone == 'good':
+        goal = heard.bridge.value.goal_at_work if heard.bridge else ''
+        there = goal and headline.note.startswith(f'commit {goal} ')
+        return replace(headline, text=f'AT WORK AT {goal}') if there else headline
     if in_command.tone == 'stale':
         return Fact(headline.text, 'idle', f'{headline.note}: whether it is flown is not known')
     return Fact(headline.text, 'idle', f'{headline.note}: not flown, {in_command.word}')

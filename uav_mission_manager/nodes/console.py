@@ -9,7 +9,13 @@ import time
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
+from uav_mission_manager.console import DEFAULT_OLD_AFTER, DEFAULT_PORT, page_serving
 from uav_mission_manager.console.fleet import Fleet
+from uav_mission_manager.console.messages import (
+    DECISION_TOPIC,
+    DIAGNOSTICS_TOPIC,
+    bridge_reports,
+)
 from uav_mission_manager.console.policies import PolicyShelf
 from uav_mission_manager.echo import quoted
 from uav_mission_manager.nodes import qos
@@ -19,9 +25,6 @@ from uav_mission_manager.nodes.console_orders import OrderDesk
 from uav_mission_manager.nodes.parameters import NodeParameter, declare
 from uav_mission_manager.nodes.runtime import run_node
 from uav_mission_manager.paths import expanded
-
-DEFAULT_PORT = 8080
-"""TCP port of the page: what such pages usually have."""
 
 PARAMETERS = (
     NodeParameter(
@@ -36,18 +39,16 @@ PARAMETERS = (
     NodeParameter('port', DEFAULT_PORT, 'TCP port of the page; 0 is any that is free', 0, 65535),
     NodeParameter('token', '', 'Word without which nobody is let in; needed where others may ask'),
     NodeParameter(
-        'old_after', 3.0, 'Age above which what was heard is shown as old [s]', 0.5, 60.0
+        'old_after',
+        DEFAULT_OLD_AFTER,
+        'Age above which what was heard is shown as old [s]',
+        0.5,
+        60.0,
     ),
 )
 
 SEARCH_PERIOD = 1.0
 """Time [s] between two looks for vehicles: a choice."""
-
-DECISION_TOPIC = '/manager/decision'
-"""What the topic of a vehicle ends in; what is before it is its namespace."""
-
-BRIDGE_STATUS = '/mavlink_bridge: autopilot'
-"""What the name of a bridge's status ends in, after its namespace."""
 
 
 class Console(Node):
@@ -60,11 +61,7 @@ class Console(Node):
     def __init__(self) -> None:
         super().__init__('console')
         p = declare(self, PARAMETERS)
-        try:
-            from uav_mission_manager.console import serving  # The other nodes need not have it.
-        except ModuleNotFoundError as error:
-            why = f"{error.name or error}: pip install '.[page]' where this package is from"
-            raise ValueError(f'the page needs {why}') from error
+        serving = page_serving()
         if not re.fullmatch(r'[\w-]*', p.token, re.ASCII):
             raise ValueError(
                 f'parameter token: {quoted(p.token)} has other characters than letters, digits, '
@@ -80,7 +77,7 @@ class Console(Node):
         listener = serving.listening_socket(p.host, p.port)
         self.create_subscription(
             DiagnosticArray,
-            '/diagnostics',
+            DIAGNOSTICS_TOPIC,
             self._on_diagnostics,
             qos.RELIABLE,
             qos_overriding_options=qos.OVERRIDABLE,
@@ -99,16 +96,15 @@ class Console(Node):
         """Listen to vehicles that were not there before."""
         own = self.get_namespace().rstrip('/')
         for name, _ in self.get_topic_names_and_types():
-            vehicle = name.removesuffix(DECISION_TOPIC)
+            vehicle = name.removesuffix(f'/{DECISION_TOPIC}')
             inside = vehicle == own or vehicle.startswith(f'{own}/')
             if vehicle != name and inside and vehicle not in self._ears:
                 self._ears[vehicle] = VehicleEar(self, self._fleet, vehicle)
                 self.get_logger().info(f'vehicle {vehicle or "/"}')
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            vehicle, found, _ = status.name.partition(BRIDGE_STATUS)
-            if found and vehicle in self._ears:
+        for vehicle, status in bridge_reports(message):
+            if vehicle in self._ears:
                 self._ears[vehicle].take_diagnostics(message.header, status)
 
 

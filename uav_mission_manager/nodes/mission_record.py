@@ -9,21 +9,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Odometry
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
-from sensor_msgs.msg import BatteryState, NavSatFix
-from std_msgs.msg import String, UInt8MultiArray
-from visualization_msgs.msg import MarkerArray
 
 from uav_mission_manager.nodes.clocks import safety_clock
 from uav_mission_manager.nodes.failures import FatalError, one_line
 from uav_mission_manager.nodes.parameters import NodeParameter, declare
 from uav_mission_manager.nodes.runtime import run_node
+from uav_mission_manager.nodes.topics import TOPICS
 from uav_mission_manager.onboard.recording import Recording, new_folder, require_rosbags
 
 PARAMETERS = (
@@ -35,29 +30,6 @@ PARAMETERS = (
         path=True,
     ),
 )
-
-TOPICS: dict[str, Any] = {
-    'battery_state': BatteryState,
-    'odom': Odometry,
-    'global_position': NavSatFix,
-    'fault_mode': String,
-    'threat_level': String,
-    'goal_priorities': UInt8MultiArray,
-    'goal_completed': String,
-    'goal_refused': String,
-    'mission_command': String,
-    'command_pose': PoseStamped,
-    'goal_states': UInt8MultiArray,
-    'policy_set': String,
-    'manager/decision': DiagnosticArray,
-    'manager/trace': String,
-    'manager/markers': MarkerArray,
-    'presence/manager': String,
-    'presence/base_station': String,
-    'presence/mavlink_bridge': String,
-    '/diagnostics': DiagnosticArray,
-}
-"""What is recorded: all that the nodes of a vehicle say. A test holds it against them."""
 
 DISCOVERY_PERIOD = 0.2
 """Time [s] between two looks for who publishes: a choice."""

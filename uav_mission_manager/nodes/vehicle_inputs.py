@@ -16,9 +16,9 @@ from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Header, String, UInt8MultiArray
 
 from uav_mission_manager.echo import quoted
+from uav_mission_manager.frames import MAP_FRAME
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.clocks import seconds
-from uav_mission_manager.nodes.frames import MAP_FRAME
 from uav_mission_manager.onboard import InputError
 from uav_mission_manager.onboard.heard_input import HeardInput
 from uav_mission_manager.onboard.stamps import stamp_age

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from uav_mission_manager.cli.demo.stack import NAMESPACE, end_processes, start_process
 from uav_mission_manager.cli.errors import look_for_interruption, undisturbed
-from uav_mission_manager.nodes.console import DEFAULT_PORT
+from uav_mission_manager.console import DEFAULT_PORT
 
 MAX_PAGE_TIME = 30.0
 """Time [s] that the page may take until it is there; the demo flies without it then: a choice."""
