@@ -6,8 +6,11 @@ import signal
 
 import pytest
 from console_crew import POLICY, START, PlayedVehicle, Screen, browser, start_console
+from ros_helpers import ROOT
+from std_msgs.msg import String
 
 from uav_mission_manager.mdp import action_name
+from uav_mission_manager.nodes import qos
 
 
 @pytest.fixture
@@ -181,12 +184,71 @@ def test_the_page_goes_on_after_a_restart_and_a_reload(ros, chromium):
     screen = Screen(ros, chromium.new_page(), address)
     screen.until('.fact:has-text("battery")', '80%')
     assert process.stop(signal.SIGINT) == 0
+    assert 'Traceback' not in process.output
     vehicle.charge = 0.55
     port = int(address.rpartition(':')[2].strip('/'))
     start_console(ros, port=port)
     screen.until('.fact:has-text("battery")', '55%', 40.0)
     screen.page.reload()
     screen.until('.fact:has-text("battery")', '55%')
+
+
+@pytest.fixture
+def bag(ros, tmp_path):
+    """A recording in which the charge falls from 80 % to 31 %."""
+    rosbag2, typesys = (
+        pytest.importorskip('rosbags.rosbag2'),
+        pytest.importorskip('rosbags.typesys'),
+    )
+    vehicle, folder = PlayedVehicle(ros), tmp_path / 'bag'
+    trace = ros.node.create_publisher(String, '/uav1/manager/trace', qos.LATCHED)
+    trace.publish(String(data='not read here'))
+    bag = f'bag:={folder}'
+    recorder = ros.start('nodes.mission_record', '--ros-args', '-r', '__ns:=/uav1', '-p', bag)
+
+    def recorded(charge):
+        if not (folder / 'metadata.yaml').exists():
+            return False
+        store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+        with rosbag2.Reader(folder) as reader:
+            found = [each for each in reader.connections if each.msgtype.endswith('BatteryState')]
+            messages = [store.deserialize_cdr(m, c.msgtype) for c, _, m in reader.messages(found)]
+        return any(each.percentage == pytest.approx(charge) for each in messages)
+
+    for charge in (0.8, 0.31):
+        vehicle.charge = charge
+        ros.until(lambda charge=charge: recorded(charge), f'{charge} in the bag')
+    assert recorder.stop() == 0
+    vehicle.state = vehicle.place = vehicle.charge = vehicle.phase = None
+    return folder
+
+
+def test_a_recorded_flight_is_played(ros, chromium, bag):
+    policy = '--policy', str(ROOT / 'policies' / 'case_study')
+    command = ros.start('cli.mission_replay', str(bag), *policy, '--serve', '--port', '0')
+    ros.until(lambda: command.lines('page: http'), 'the address of the page')
+    screen = Screen(ros, chromium.new_page(), command.lines('page: http')[0].split()[1])
+    slider = screen.page.locator('.playback .q-slider')
+    ros.until(slider.count, 'a scrubber')
+    box = slider.bounding_box()
+
+    def go_to(share):
+        screen.page.mouse.click(box['x'] + share * box['width'], box['y'] + box['height'] / 2)
+
+    go_to(0.999)
+    screen.until('.fact:has-text("battery")', '31%')
+    screen.until('.now .headline', 'GO TO goal')
+    screen.until('.area-map', '20 m')
+    go_to(0.4)
+    screen.until('.fact:has-text("battery")', '80%')
+    screen.press('Play or pause')
+    screen.until('.fact:has-text("battery")', '31%')
+    screen.page.keyboard.press('h')
+    screen.until('.q-notifications', 'hold: this is a recording')
+    assert screen.troubles == []
+    assert screen.elsewhere == set()
+    assert command.stop(signal.SIGINT) == 130
+    assert 'Traceback' not in command.output
 
 
 def test_without_the_token_there_is_no_page(ros, chromium):

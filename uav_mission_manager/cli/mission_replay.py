@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
 from pathlib import Path
@@ -11,7 +12,9 @@ from typing import Any
 from uav_mission_manager.cli.errors import CommandParser, one_line_errors
 from uav_mission_manager.cli.recorded_flight import recorded_trace
 from uav_mission_manager.cli.replay_view import print_replay
-from uav_mission_manager.echo import shown
+from uav_mission_manager.cli.served_flight import serve_flight
+from uav_mission_manager.console import DEFAULT_PORT
+from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.mdp import Mission, global_actions
 from uav_mission_manager.onboard import format_command
 from uav_mission_manager.onboard.trace import RecordedOutcome, Replay, ReplayedStep, outcome_values
@@ -25,6 +28,8 @@ def main(args: list[str] | None = None) -> int:
     """Run the command."""
     with one_line_errors('mission_replay'):
         options = _parser().parse_args(args)
+        if options.serve:
+            serve_flight(Path(options.bag), options.namespace, options.policy, options.port)
         policy = load_policy(options.policy)
         answer = _answer(options.bag, options.namespace, policy)
         answer['policy']['directory'] = options.policy
@@ -49,8 +54,26 @@ def _parser() -> CommandParser:
     parser.add_argument(
         '--namespace', metavar='NAME', help='vehicle, such as /uav1; default: the only one'
     )
-    parser.add_argument('--json', action='store_true', help='print JSON')
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument('--json', action='store_true', help='print JSON')
+    how.add_argument(
+        '--serve',
+        action='store_true',
+        help='show the flight as it was on a page of the console, with play, pause and speed',
+    )
+    parser.add_argument(
+        '--port',
+        type=_port,
+        default=DEFAULT_PORT,
+        help='TCP port of the page; 0 is any that is free; default: %(default)d',
+    )
     return parser
+
+
+def _port(text: str) -> int:
+    if not (text.isdecimal() and int(text) < 2**16):
+        raise argparse.ArgumentTypeError(f'{quoted(text)} is no port from 0 to 65535')
+    return int(text)
 
 
 def _answer(bag: str, vehicle: str | None, policy: Policy) -> dict[str, Any]:

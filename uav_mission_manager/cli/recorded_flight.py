@@ -1,16 +1,24 @@
-"""What a bag tells of a flight: the manager's trace. Any rosbag2 bag is read, without ROS."""
+"""What a bag tells of a flight: the manager's trace, and what the console shows.
+
+Any rosbag2 bag is read, without ROS.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from uav_mission_manager.console.messages import DIAGNOSTICS_TOPIC, HEARD_CHANGES, Moment
+from uav_mission_manager.console.playback import RecordedFlight, heard_flight
 from uav_mission_manager.echo import shown
 from uav_mission_manager.onboard.recording import require_rosbags
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
+    from rosbags.rosbag2 import Reader
 
 TRACE = '/manager/trace'
 """Topic of the trace, after the vehicle's namespace."""
@@ -56,18 +64,47 @@ def recorded_trace(path: Path, vehicle: str | None) -> Iterator[TraceEntry]:
     ValueError
         One line: it is no bag, cannot be read, or has no such trace.
     """
+    with _opened(path) as (reader, decoded):
+        topic = _chosen(path, reader.connections, vehicle) + TRACE
+        found = [each for each in reader.connections if each.topic == topic]
+        for connection, time, data in reader.messages(found):
+            text = decoded(data, connection.msgtype).data
+            yield TraceEntry((time - reader.start_time) * 1e-9, text)
+
+
+def recorded_flight(path: Path, vehicle: str | None) -> RecordedFlight:
+    """Return what the console would have heard of a vehicle, chosen as by `recorded_trace`.
+
+    Raises the same.
+    """
+    with _opened(path) as (reader, decoded):
+        chosen = _chosen(path, reader.connections, vehicle)
+        topics = {
+            topic if topic == DIAGNOSTICS_TOPIC else f'{chosen}/{topic}': topic
+            for topic in HEARD_CHANGES
+        }
+        found = [each for each in reader.connections if each.topic in topics]
+
+        def messages() -> Iterator[tuple[Moment, str, Any]]:
+            for connection, time, data in reader.messages(found):
+                time_of_day = datetime.fromtimestamp(time * 1e-9).strftime('%H:%M:%S')
+                moment = Moment((time - reader.start_time) * 1e-9, time_of_day)
+                yield moment, topics[connection.topic], decoded(data, connection.msgtype)
+
+        return heard_flight(chosen, messages(), reader.duration * 1e-9)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[Reader, Callable[[bytes, str], Any]]]:
+    """Give a reader, and what makes a message of bytes and the name of its type."""
     require_rosbags()
     _check_place(path)
     try:
         from rosbags.rosbag2 import Reader
         from rosbags.typesys import Stores, get_typestore
 
-        store = get_typestore(Stores.ROS2_JAZZY)
         with Reader(path) as reader:
-            found = _of_vehicle(path, reader.connections, vehicle)
-            for _, time, data in reader.messages(found):
-                message: Any = store.deserialize_cdr(data, TEXT)
-                yield TraceEntry((time - reader.start_time) * 1e-9, message.data)
+            yield reader, get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
     except (UnsuitableBagError, MemoryError):
         raise
     except Exception as error:  # The library lets through whatever a damaged file leads to.
@@ -90,10 +127,8 @@ def _check_place(path: Path) -> None:
         raise ValueError(f'{shown(path)}: no bag: neither a folder nor a file in MCAP or SQLite')
 
 
-def _of_vehicle(
-    path: Path, connections: Sequence[Connection], vehicle: str | None
-) -> list[Connection]:
-    """Return the connections of one vehicle's trace."""
+def _chosen(path: Path, connections: Sequence[Connection], vehicle: str | None) -> str:
+    """Return the namespace of the vehicle, which has a trace."""
     traces = {
         each.topic.removesuffix(TRACE)
         for each in connections
@@ -110,10 +145,9 @@ def _of_vehicle(
         raise UnsuitableBagError(
             f'{shown(path)}: of several vehicles: {shown(names)}; choose one by --namespace'
         )
-    chosen = traces.pop() if vehicle is None else vehicle.rstrip('/')
-    found = [each for each in connections if each.topic == chosen + TRACE]
-    if not found:
+    chosen = min(traces) if vehicle is None else vehicle.rstrip('/')
+    if chosen not in traces:
         raise UnsuitableBagError(
             f'--namespace: {shown(vehicle)} is not in {shown(path)}, which is of {shown(names)}'
         )
-    return found
+    return chosen

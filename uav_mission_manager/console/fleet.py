@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from queue import SimpleQueue
 
 from uav_mission_manager.console.forecasting import Forecaster, GoalChances
@@ -51,9 +51,12 @@ class Fleet:
         What the page orders.
     answers : tuple of OrderAnswer
         What became of the last ones, in their order.
+    obstacle : str
+        Why no vehicle can be ordered anything, '' where one can.
     """
 
     answers: tuple[OrderAnswer, ...] = ()
+    obstacle = ''
 
     def __init__(self, shelf: PolicyShelf, clock: Callable[[], float], timeout: float) -> None:
         self.heard: dict[str, Heard] = {}
@@ -86,7 +89,8 @@ class Fleet:
         state = heard.decision.value.state if heard.decision else ()
         parts = self._shelf.parts(policy, state) if policy and state else ()
         mission = policy.mission if policy else None
-        return view_of(vehicle or '/', heard, mission, parts, self.clock(), self.timeout)
+        view = view_of(vehicle or '/', heard, mission, parts, self.clock(), self.timeout)
+        return replace(view, obstacle=self.obstacle or view.obstacle)
 
     def crafts(self, mission: Mission) -> dict[str, Craft]:
         """Return the vehicles that are on the grid of a mission, by namespace."""

@@ -17,6 +17,7 @@ from uav_mission_manager.drawing.base_map import (
     points_of,
     stations,
     text_at,
+    waypoints,
 )
 from uav_mission_manager.drawing.places import Point, corners, ellipse
 from uav_mission_manager.echo import shown
@@ -46,10 +47,11 @@ stroke:var(--danger)}.threat-1,.threat-2{fill-opacity:.3;stroke-width:.3em}
 
 
 def base_layer(mission: Mission) -> str:
-    """Return what does not move: cells, zones, areas, base, service, scale, north."""
+    """Return what does not move: cells, zones, areas, waypoints, base, service, scale, north."""
     scale = Scale(mission)
     parts = (
         *ground(mission, scale),
+        *waypoints(mission, scale),
         *stations(mission, scale),
         *frame(scale),
     )

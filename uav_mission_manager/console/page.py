@@ -19,6 +19,8 @@ from uav_mission_manager.console.markup import (
     tile_html,
     top_html,
 )
+from uav_mission_manager.console.playback import Playback
+from uav_mission_manager.console.playback_bar import PlaybackBar
 from uav_mission_manager.console.style import PAGE_STYLE
 from uav_mission_manager.console.timeline import block_svg, blocks, row_names
 from uav_mission_manager.mdp import Mission
@@ -32,20 +34,20 @@ LINES_SHOWN = 40
 KEYS_HELP = 'Keys: c controls, h hold, r resume, d light or dark, 1 to 9 and arrows the vehicle'
 
 
-def define_page(fleet: Fleet) -> None:
-    """Say what a browser gets that asks for `/`."""
+def define_page(fleet: Fleet, playback: Playback | None = None) -> None:
+    """Say what a browser gets that asks for `/`: vehicles as they are, or a recorded flight."""
 
     @ui.page('/', title='uav_mission_manager', response_timeout=10)
     def main_page() -> None:
         ui.add_css(PAGE_STYLE)
-        VehiclePage(fleet)
+        VehiclePage(fleet, playback)
 
 
 class VehiclePage:
     """One vehicle at large, the others as tiles."""
 
-    def __init__(self, fleet: Fleet) -> None:
-        self._fleet = fleet
+    def __init__(self, fleet: Fleet, playback: Playback | None) -> None:
+        self._fleet, self._playback = fleet, playback
         self._selected = ''
         self._seen: dict[str, tuple[Heard, int]] = {}
         self._mission: Mission | None = None
@@ -68,6 +70,9 @@ class VehiclePage:
                         'no-caps'
                     ).tooltip(KEYS_HELP)
             self._tile_row = ui.element('nav').classes('area-tiles')
+            if self._playback is not None:
+                with self._tile_row:
+                    self._bar = PlaybackBar(self._playback)
             with ui.element('section').classes('area-map box'):
                 self._base, self._goals, self._moving = (_html() for _ in range(3))
             with ui.element('section').classes('area-side box'):
@@ -92,6 +97,8 @@ class VehiclePage:
             self._toggle_drawer()
         elif key == 'd':
             self._dark.value = not self._dark.value
+        elif key == 'p' and self._playback is not None:
+            self._playback.toggle()
         elif key in ('h', 'r'):
             await self._controls.ask({'h': 'hold', 'r': 'resume'}[key])
         elif key.isdigit() and 0 < int(key) <= len(names):
@@ -108,6 +115,9 @@ class VehiclePage:
 
     def _look(self) -> None:
         """Send what has changed since the last look; ages change by the second."""
+        if self._playback is not None:
+            self._fleet.heard = {self._playback.flight.vehicle: self._playback.heard()}
+            self._bar.show()
         names = self._fleet.names
         if self._selected not in names:
             self._select(names[0] if names else '')

@@ -16,6 +16,7 @@ from nicegui import ui
 
 from uav_mission_manager.console.fleet import Fleet
 from uav_mission_manager.console.page import define_page
+from uav_mission_manager.console.playback import Playback
 
 PAGE_CLOSING_TIME = 0.5
 """Time [s] in which the server ends: a choice, within a node's time to end."""
@@ -116,9 +117,15 @@ async def _answer(
 class PageServer:
     """Serves the page in a thread until it is closed."""
 
-    def __init__(self, fleet: Fleet, listener: socket.socket, token: str) -> None:
+    def __init__(
+        self,
+        fleet: Fleet,
+        listener: socket.socket,
+        token: str = '',
+        playback: Playback | None = None,
+    ) -> None:
         app = FastAPI(openapi_url=None)
-        define_page(fleet)
+        define_page(fleet, playback)
         ui.run_with(app, show_welcome_message=False, tailwind=False, reconnect_timeout=10.0)
         logging.getLogger('nicegui').setLevel(logging.WARNING)
         config = uvicorn.Config(Gate(app, token), log_level='warning', lifespan='on')
@@ -128,5 +135,7 @@ class PageServer:
 
     def close(self) -> None:
         """End the thread: one that still serves while the interpreter ends can crash it."""
+        # That those who look at the page are left at once is no error.
+        logging.getLogger('uvicorn.error').setLevel(logging.CRITICAL)
         self._server.should_exit = self._server.force_exit = True
         self._thread.join(PAGE_CLOSING_TIME)

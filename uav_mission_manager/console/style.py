@@ -75,6 +75,8 @@ border-radius:4px}
 .tile{display:flex;gap:.6em;border:2px solid var(--line);border-radius:6px;padding:0 8px;
 cursor:pointer;align-items:baseline}.tile.selected{border-color:var(--craft)}
 .tile .word{font-weight:800}
+.playback{display:flex;gap:1rem;align-items:center;flex:1 0 100%;padding:0 8px}
+.playback .q-slider{flex:1}.playback .time{font-variant-numeric:tabular-nums;font-weight:600}
 .now .headline{font-size:2.3rem;font-weight:800;line-height:1.08;color:var(--craft);
 overflow-wrap:anywhere}.now.stale .headline,.now.stale .reason{color:var(--stale)}
 .now.idle .headline{color:var(--dim);font-weight:600}
@@ -105,6 +107,8 @@ line-height:1.25}
 .body--dark .area-map text{fill:var(--ink)}.body--dark text.sign{fill:#fff}
 .body--dark text.halo{fill:#14161a;stroke:#14161a}.body--dark .north{fill:var(--ink)}
 .body--dark .scale,.body--dark .fence{stroke:var(--ink)}
+.area-map .round{stroke:var(--dim)}.area-map .waypoint{fill:var(--dim)}
+.body--dark .no-fly{fill:#c79ad8;stroke:#c79ad8}
 """
 
 PAGE_STYLE = '\n'.join((MAP_STYLE, COLOURS, LAYOUT, PARTS, OVERLAY_STYLE, TIMELINE_STYLE))
