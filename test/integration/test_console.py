@@ -120,6 +120,8 @@ def test_priorities_and_threat_level_are_set(ros, crew):
 def test_of_a_stale_link_the_page_is_grey_and_its_controls_say_why(ros, crew):
     vehicle, screen = crew
     screen.until('.authority .word', 'MANAGER')
+    screen.until('.fact:has-text("battery")', '80%')
+    screen.until('.fact:has-text("fault")', 'none')
     screen.page.keyboard.press('c')
     vehicle.state = vehicle.place = vehicle.charge = vehicle.fault = vehicle.phase = None
     screen.until('.authority .word', 'UNKNOWN')

@@ -173,8 +173,9 @@ def test_ctrl_c_ends_everything_that_was_started(demo):
 
 
 def test_each_goal_of_a_policy_sets_mission_is_flown_once(tmp_path):
-    own = '--policy', 'policies/case_study', '--speedup', '16', '--no-page'
+    own = '--policy', 'policies/case_study', '--speedup', '16'
     with started(tmp_path, *own) as demo:
+        demo.until('The flights on a page: http')
         assert demo.finish() == 0, demo.text
         assert 'Mission case_study: 3 of 3 goals achieved, vehicle home and disarmed' in demo.text
         assert demo.text.count('* base station: goal1 high, goal2 high, goal3 high') == 1

@@ -45,10 +45,11 @@ class VehicleEar:
     def __init__(self, node: Node, fleet: Fleet, vehicle: str) -> None:
         self._node, self._fleet, self._vehicle = node, fleet, vehicle
         fleet.heard[vehicle] = Heard()
-        for topic in HEARD_CHANGES.keys() - {DIAGNOSTICS_TOPIC}:
-            profile = getattr(qos, PROFILES.get(topic, 'STATE_IN'))
-            profile.depth = DEPTHS.get(topic, profile.depth)
-            self._listen(topic, profile)
+        for topic in HEARD_CHANGES:
+            if topic != DIAGNOSTICS_TOPIC:
+                profile = getattr(qos, PROFILES.get(topic, 'STATE_IN'))
+                profile.depth = DEPTHS.get(topic, profile.depth)
+                self._listen(topic, profile)
 
     def _listen(self, topic: str, profile: Any) -> None:
         def heard(message: Any) -> None:

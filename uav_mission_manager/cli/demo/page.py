@@ -21,6 +21,7 @@ MAX_PAGE_TIME = 30.0
 @contextmanager
 def serve_page(policies: Sequence[Path], logs: Path) -> Iterator[str]:
     """Serve the page until the flights are over; give a line that says where, or why not."""
+    logs.mkdir(parents=True, exist_ok=True)
     log = logs / 'console.log'
     parameters = f'policy:={":".join(map(str, policies))}', f'port:={_free_port()}'
     process = start_process(
