@@ -377,3 +377,23 @@ def test_it_needs_no_ros(bag: Path) -> None:
         [sys.executable, '-c', code], cwd=ROOT, capture_output=True, text=True, check=True
     )
     assert ' different' in done.stdout.splitlines()[-1]
+
+
+@pytest.mark.parametrize('port', ['65536', '-1', 'http'])
+def test_a_port_that_is_none_is_refused(
+    bag: Path, port: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        main([str(bag), '--policy', CASE_STUDY, '--serve', f'--port={port}'])
+    assert end.value.code == 2
+    assert f"'{port}' is no port from 0 to 65535" in capsys.readouterr().err
+
+
+def test_of_a_bag_whose_topics_are_of_something_else_there_is_no_page(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip('nicegui')
+    bag = write_bag(tmp_path / 'bag', ['high'], topics=[TRACE, '/uav1/odom'])
+    line = refusal([str(bag), '--policy', CASE_STUDY, '--serve', '--port=0'], capsys)
+    assert f'{bag}: not a bag that can be read' in line
+    assert 'no attribute' in line

@@ -159,6 +159,18 @@ def test_the_base_layer_does_not_move():
     assert of_class(tree, 'goal-0') == []
 
 
+def test_the_base_layer_has_areas_and_waypoints():
+    ring = [[0.0, 0.0], [0.0, 0.001], [0.001, 0.001]]
+    areas = {'fence': ring, 'no_fly': [{'name': 'dam', 'polygon': ring}]}
+    document = case_study(areas=areas)
+    document['grid']['origin'] = {'latitude': 0.0, 'longitude': 0.0, 'altitude': 0.0}
+    document['goals'][0]['task'] = {'waypoints': [[-0.0004, 0.0004], [-0.0005, 0.0005]]}
+    tree = ElementTree.fromstring(base_layer(mission_from_dict(document, 'test')))
+    for kind in ('fence', 'no-fly', 'round', 'waypoint'):
+        assert len(of_class(tree, kind)) == 1
+        assert of_class(ElementTree.fromstring(base_layer(MISSION)), kind) == []
+
+
 def epoch(number, state=STATE, command='commit goal1 normal'):
     return HeardEpoch(number, '12:00:00', state, command)
 
