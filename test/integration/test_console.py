@@ -213,8 +213,11 @@ def bag(ros, tmp_path):
             return False
         store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
         with rosbag2.Reader(folder) as reader:
-            found = [each for each in reader.connections if each.msgtype.endswith('BatteryState')]
-            messages = [store.deserialize_cdr(m, c.msgtype) for c, _, m in reader.messages(found)]
+            messages = [
+                store.deserialize_cdr(data, each.msgtype)
+                for each, _, data in reader.messages()
+                if each.msgtype.endswith('BatteryState')
+            ]
         return any(each.percentage == pytest.approx(charge) for each in messages)
 
     for charge in (0.8, 0.31):

@@ -31,8 +31,8 @@ def record(ros: Ros, bag: Path) -> NodeProcess:
 
 def texts(bag: Path, topic: str) -> list[str]:
     with Reader(bag) as reader:
-        found = [each for each in reader.connections if each.topic == topic]
-        return [STORE.deserialize_cdr(m, TEXT).data for _, _, m in reader.messages(found)]
+        found = [m for each, _, m in reader.messages() if each.topic == topic]
+        return [STORE.deserialize_cdr(m, TEXT).data for m in found]
 
 
 def test_it_knows_all_topics_of_the_nodes(ros: Ros) -> None:
@@ -140,9 +140,15 @@ def test_without_room_it_ends_in_one_line_and_nobody_else_does(ros: Ros, tmp_pat
     station = ros.start('nodes.base_station')
     publisher = ros.node.create_publisher(String, 'goal_completed', qos.EVENT)
     process = record(ros, tmp_path / 'bag')
-    ros.until(publisher.get_subscription_count, 'the recorder')
+    ros.until(lambda: publisher.get_subscription_count() == 2, 'the recorder, and the station')
     publisher.publish(String(data='goal1'))
-    ros.until(lambda: (tmp_path / 'bag' / 'metadata.yaml').exists(), 'a save')
+    ros.until(
+        lambda: (
+            (tmp_path / 'bag' / 'metadata.yaml').exists()
+            and 'goal1' in texts(tmp_path / 'bag', '/goal_completed')
+        ),
+        'a save',
+    )
     resource.prlimit(process.process.pid, resource.RLIMIT_FSIZE, (1000, 1000))
     publisher.publish(String(data='goal2'))
     assert process.wait() == 1

@@ -20,6 +20,8 @@ from rosbags.typesys import Stores, get_typestore
 from test_recording import LATCHED
 
 from uav_mission_manager.cli.mission_replay import main
+from uav_mission_manager.cli.recorded_flight import recorded_flight
+from uav_mission_manager.console.heard import Heard
 from uav_mission_manager.policy import Policy, build_policy, load_policy
 
 ROOT = Path(__file__).parents[2]
@@ -387,6 +389,11 @@ def test_a_port_that_is_none_is_refused(
         main([str(bag), '--policy', CASE_STUDY, '--serve', f'--port={port}'])
     assert end.value.code == 2
     assert f"'{port}' is no port from 0 to 65535" in capsys.readouterr().err
+
+
+def test_of_a_bag_with_nothing_but_a_trace_nothing_was_heard(bag: Path) -> None:
+    flight = recorded_flight(bag, None)
+    assert (flight.vehicle, flight.at(1e9)) == ('/uav1', Heard())
 
 
 def test_of_a_bag_whose_topics_are_of_something_else_there_is_no_page(

@@ -86,7 +86,7 @@ def recorded_flight(path: Path, vehicle: str | None) -> RecordedFlight:
         found = [each for each in reader.connections if each.topic in topics]
 
         def messages() -> Iterator[tuple[Moment, str, Any]]:
-            for connection, time, data in reader.messages(found):
+            for connection, time, data in reader.messages(found) if found else ():  # [] is all.
                 time_of_day = datetime.fromtimestamp(time * 1e-9).strftime('%H:%M:%S')
                 moment = Moment((time - reader.start_time) * 1e-9, time_of_day)
                 yield moment, topics[connection.topic], decoded(data, connection.msgtype)
