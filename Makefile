@@ -1,4 +1,4 @@
-# make demo | test | lint | schema | bench | screenshots | clean; `make help` explains.
+# make demo | test | lint | schema | docs | bench | screenshots | clean; `make help` explains.
 # Where rclpy is importable (ROS sourced), .venv sees it; elsewhere .venv gets the PyPI wheels.
 
 PYTHON ?= python3
@@ -23,13 +23,14 @@ ifdef _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH
 endif
 
-.PHONY: help demo test lint schema bench screenshots clean
+.PHONY: help demo test lint schema docs bench screenshots clean
 
 help:
 	@echo 'make demo    fly a mission in simulation, on one terminal'
 	@echo 'make test    run the tests (ARGS="-k name" for some)'
 	@echo 'make lint    ruff (rules and format) and mypy'
 	@echo 'make schema  write config/mission.schema.json anew'
+	@echo 'make docs    build the documentation site, build/docs/html/index.html'
 	@echo 'make bench   run the benchmarks and show what differs from docs/ (UPDATE=1 writes it there)'
 	@echo '             (SCRIPTS=benchmarks/solve.py for some, ARGS="--goals 8" for its options)'
 	@echo 'make screenshots  take the pictures of the page in docs/ anew, from a demo'
@@ -55,6 +56,12 @@ lint: $(READY)
 
 schema: $(READY)
 	$(RUN) -m uav_mission_manager.mdp.mission_schema > config/mission.schema.json
+
+# A warning is an error. Every page is made anew, for no warning to be missed.
+docs: $(READY)
+	@$(INSTALL) -r requirements-docs.txt
+	$(RUN) -m sphinx -EW --keep-going -q docs build/docs/html $(ARGS)
+	@echo 'build/docs/html/index.html'
 
 # Pages go to build/bench/; with UPDATE=1 they replace those in docs/. ARGS are one script's.
 SCRIPTS ?= $(wildcard benchmarks/*.py)
@@ -82,5 +89,5 @@ screenshots: $(READY)
 	$(RUN) docs/screenshots.py
 
 clean:
-	rm -rf $(VENV) build install log dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) build docs/reference install log dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

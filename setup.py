@@ -73,7 +73,7 @@ setup(
         'cluster': requirements('-cluster'),  # policy_build --scheduler.
         'page': requirements('-page'),  # console.
         'plan': requirements('-plan'),  # mission_new.
-        'plot': requirements('-plot'),  # mission_simulate --plot.
+        'plot': requirements('-plot'),  # mission_simulate --plot, plot_policy.
         'record': requirements('-record'),  # mission_record, mission_replay.
     },
     entry_points={

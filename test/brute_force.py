@@ -31,6 +31,8 @@ def independent(*marginals):
 class BruteForce:
     """The mission's MDP, states as tuples (f, r_1.., g_1.., l, c, t, m)."""
 
+    threats = 3
+
     def __init__(self, document):
         self.document = document
         self.goals = document['goals']
@@ -43,7 +45,7 @@ class BruteForce:
     def states(self):
         k, cells = self.k, self.rows * self.cols
         axes = [range(1, 9), *[range(2)] * k, *[range(3)] * k, range(cells), range(k + 1)]
-        return list(itertools.product(*axes, range(3), range(2)))
+        return list(itertools.product(*axes, range(self.threats), range(2)))
 
     def split(self, state):
         """(f, (r_1..), (g_1..), l, c, t, m)."""

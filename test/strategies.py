@@ -162,7 +162,13 @@ origins = st.fixed_dictionaries(
 def places(cells):
     elevations = st.dictionaries(cells, st.floats(-9000, 9000), max_size=4)
     return st.fixed_dictionaries(
-        {}, optional={'cell_size': positive, 'origin': origins, 'elevation': elevations}
+        {},
+        optional={
+            'cell_size': positive,
+            'origin': origins,
+            'elevation': elevations,
+            'bearing': st.floats(-360, 360),
+        },
     )
 
 

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from uav_mission_manager.mdp import load_mission
-    from uav_mission_manager.policy import build_policy, load_policy
+    from uav_mission_manager.policy import build_policy, load_policy, plot_policy
 
     __version__: str
 
-__all__ = ['__version__', 'build_policy', 'load_mission', 'load_policy']
+__all__ = ['__version__', 'build_policy', 'load_mission', 'load_policy', 'plot_policy']
 
 
 def __getattr__(name: str) -> Any:

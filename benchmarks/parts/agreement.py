@@ -24,6 +24,12 @@ NEAR = 1e-3
 FLOWN_STATES = 100_000
 """States drawn from those that a policy flies through."""
 
+SAMPLE = (1, 1, 0, 1, 0, 2, 1, 1, 0, 2, 1)
+"""The paper's sample state [f r1 r2 r3 g1 g2 g3 l c t m]."""
+
+PAPER_CHOICES, PAPER_GOAL = (4, 3, 4), 2
+"""What the paper's sub-MDPs choose there, by local number, and the sub-MDP it follows."""
+
 
 class Optimum:
     """The exact solution in all states, in the order of their index.

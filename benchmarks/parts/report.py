@@ -12,6 +12,7 @@ import numpy as np
 from parts.measure import SINGLE_TOLERANCE, median
 from parts.pages import DOCS, table
 from parts.peers import TOLERANCE
+from parts.pictures import drawing, save
 from uav_mission_manager.solver.submdp import state_count
 
 PAPER_SECONDS = {
@@ -26,10 +27,10 @@ PAPER_SECONDS = {
     9: 3.7e12,
     10: 1.1e14,
 }
-"""Table 1; measured for 1 and 3 goals, extrapolated for the others."""
+"""Table 2; measured for 1 and 3 goals, extrapolated for the others."""
 
 PAPER_STATES = {4: '2.0e6'}
-"""Table 1 where it is not right: 8 * 6^4 * 5 * 8 * 6 = 2,488,320."""
+"""Table 2 where it is not right: 8 * 6^4 * 5 * 8 * 6 = 2,488,320."""
 
 INTRODUCTION = f"""\
 The mission is the case study with its first goals, from the fourth on with goals of the
@@ -290,14 +291,14 @@ def _paper(found: Found) -> str:
     head = ['goals', 'states', "paper's count", 'ours', 'paper', 'factor']
     return f"""## The paper's tables
 
-Table 1 of the paper: goals, states and solve time. Figures *in italics* are extrapolated, by
+Table 2 of the paper: goals, states and solve time. Figures *in italics* are extrapolated, by
 time ~ states^{exponent:.2f}, fitted from three goals on. The paper measured one and three goals.
 
 {table(head, rows)}
 
 ![Solve time against states](scaling.svg)
 
-Table 2 of the paper: the global MDP of three goals, and its sub-MDPs of one goal each (here the
+Table 3 of the paper: the global MDP of three goals, and its sub-MDPs of one goal each (here the
 time of all three). The paper reports the same actions in all states. Here the goals share one UAV,
 so policies recombined from sub-MDPs are not optimal: see [paper.md](paper.md).
 
@@ -318,13 +319,7 @@ def _comparison(found: Found) -> str:
 
 def draw(found: Found, file: Path) -> None:
     """Draw solve time against states on logarithmic axes."""
-    import matplotlib as mpl
-
-    mpl.use('svg')
-    from matplotlib import pyplot
-
-    pyplot.rcParams.update({'svg.hashsalt': 'scaling', 'svg.fonttype': 'none'})
-    figure, axes = pyplot.subplots(figsize=(7, 4.5))
+    figure, axes = drawing('scaling').subplots(figsize=(7, 4.5))
     goals = [k for k, ours in found['mixed'].items() if 'seconds' in ours]
     exponent, factor = _fit(found)
     span = np.array([states(3), states(10)], dtype=float)
@@ -374,4 +369,4 @@ def draw(found: Found, file: Path) -> None:
     axes.legend(fontsize=7)
     axes.grid(alpha=0.3)
     figure.tight_layout()
-    figure.savefig(file, metadata={'Date': None})
+    save(figure, file)

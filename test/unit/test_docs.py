@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import ast
 import re
+import shlex
 from functools import cache
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[2]
-MODEL, THEORY, README = (ROOT / name for name in ('docs/model.md', 'docs/theory.md', 'README.md'))
+MODEL, THEORY, EXTENDING, REPRODUCE, README = (
+    *(ROOT / 'docs' / f'{name}.md' for name in ('model', 'theory', 'extending', 'reproduce')),
+    ROOT / 'README.md',
+)
 PAGES = [README, ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').glob('*.md'))]
 FROM_ROOT = ('benchmarks/', 'test/', 'config/', 'launch/')
 """Where named files are below the repository's root; others are below the package."""
@@ -105,7 +109,7 @@ def console_scripts() -> set[str]:
 def starts(command: str) -> bool:
     """Whether a command, in backticks, starts with something that exists."""
     match = INLINE.fullmatch(command)
-    program, *arguments = match[1].split() if match else ['']
+    program, *arguments = shlex.split(match[1]) if match else ['']
     if program in ('python', 'pytest', 'make') and not arguments:
         return False
     if program == 'python':
@@ -124,7 +128,9 @@ def starts(command: str) -> bool:
     return program in console_scripts() and all((ROOT / argument).exists() for argument in given)
 
 
-@pytest.mark.parametrize('page', [MODEL, THEORY, README], ids=lambda page: page.name)
+@pytest.mark.parametrize(
+    'page', [MODEL, THEORY, EXTENDING, REPRODUCE, README], ids=lambda page: page.name
+)
 def test_every_file_and_name_exists(page: Path) -> None:
     assert missing_names(page.read_text('utf-8')) == []
 
@@ -134,9 +140,10 @@ def test_every_relative_link_resolves(page: Path) -> None:
     assert broken_links(page, page.read_text('utf-8')) == []
 
 
-def test_every_command_of_the_table_exists() -> None:
-    found = table_commands(MODEL.read_text('utf-8'))
-    assert len(found) > 50
+@pytest.mark.parametrize(('page', 'count'), [(MODEL, 50), (REPRODUCE, 20)])
+def test_every_command_of_the_tables_exists(page: Path, count: int) -> None:
+    found = table_commands(page.read_text('utf-8'))
+    assert len(found) > count
     assert [command for command in found if not starts(command)] == []
 
 
@@ -231,6 +238,7 @@ def test_broken_links_are_found(text: str, broken: int) -> None:
         ('`make bench SCRIPTS=benchmarks/paper.py`', True),
         ('`make bench SCRIPTS=benchmarks/no_such.py`', False),
         ('`make bench NO_SUCH=benchmarks/paper.py`', False),
+        ("`make bench ARGS='--goals 4 --repeats 1'`", True),
         ('`python benchmarks/paper.py`', True),
         ('`python benchmarks/no_such.py`', False),
         ('`pytest test/unit/test_docs.py`', True),

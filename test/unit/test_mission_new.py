@@ -23,10 +23,11 @@ from uav_mission_manager.cli.mission_new.layout import (
     MOST_CHOSEN_CELLS,
     cell_of,
     chosen_size,
+    fitted_bearing,
     laid_out,
 )
 from uav_mission_manager.geodesy import Origin
-from uav_mission_manager.mdp import MissionError, load_mission
+from uav_mission_manager.mdp import Grid, MissionError, load_mission
 from uav_mission_manager.onboard.range_model import FULL_CHARGE
 from uav_mission_manager.policy import build_policy
 
@@ -184,7 +185,11 @@ def test_flags_alone_make_a_mission(tmp_path):
     assert made(tmp_path, *FLAGS).name == 'made'
 
 
-@pytest.mark.parametrize('arguments', [SURVEY, HARBOUR, DAM], ids=['plan', 'kml', 'geojson'])
+@pytest.mark.parametrize(
+    'arguments',
+    [SURVEY, HARBOUR, DAM, [*DAM, '--turn=fit']],
+    ids=['plan', 'kml', 'geojson', 'turned'],
+)
 def test_a_made_mission_is_built_and_flown_to_the_end(tmp_path, arguments):
     mission = made(tmp_path, *arguments)
     policy = build_policy(mission, method='exact')
@@ -243,6 +248,8 @@ def test_skipped_is_left_out(tmp_path, capsys):
         ([*SURVEY, '--worth=x=1'], "--worth: 'x' is no goal"),
         ([*SURVEY, '--worth=x'], "'x' is not NAME=WORTH"),
         ([*SURVEY, '--cell=nan'], 'nan is not finite'),
+        ([*SURVEY, '--turn=fits'], "'fits' is not a number"),
+        ([*SURVEY, '--turn=361'], r'361\.0 is outside -360'),
         ([*SURVEY, '--cell=1'], 'cells of 1 m are not within 5..5000 m'),
         ([*SURVEY, '--rows=3'], '--rows and --cols go together'),
         ([*SURVEY, '--rows=3', '--cols=4', '--cell=9'], 'in place of --cell'),
@@ -325,29 +332,58 @@ def holds(grid, place):
     return grid.contains(*grid.origin.to_local(place.latitude, place.longitude))
 
 
-@given(HOMES, PLACES)
-def test_the_chosen_grid_holds_all_places_and_separates_goals(home, points):
+BEARINGS = st.sampled_from([0.0, 30.0, -77.7])
+
+
+@given(HOMES, PLACES, BEARINGS)
+def test_the_chosen_grid_holds_all_places_and_separates_goals(home, points, bearing):
     home, *goals = placed(home, points)
     try:
-        size, _ = chosen_size(home, goals, [])
+        size, _ = chosen_size(home, goals, [], bearing)
     except MissionError:
         assume(False)
-    grid = laid_out(home, [home, *goals], home, size)
+    grid = laid_out(home, [home, *goals], home, size, bearing)
     assert all(holds(grid, place) for place in (home, *goals))
     assert len({cell_of(grid, goal) for goal in goals}) == len(goals)
     assert max(grid.rows, grid.cols) > CELLS_ALONG or size == 5.0
     assert grid.q <= MOST_CHOSEN_CELLS * 1.05
 
 
-@given(HOMES, PLACES, st.integers(1, 30), st.integers(1, 30))
-def test_a_grid_of_given_shape_holds_all_places(home, points, rows, cols):
+@given(HOMES, PLACES, st.integers(1, 30), st.integers(1, 30), BEARINGS)
+def test_a_grid_of_given_shape_holds_all_places(home, points, rows, cols, bearing):
     places = placed(home, points)
     try:
-        grid = laid_out(places[0], places, places[0], (rows, cols))
+        grid = laid_out(places[0], places, places[0], (rows, cols), bearing)
     except MissionError:
         assume(False)
     assert (grid.rows, grid.cols) == (rows, cols)
     assert all(holds(grid, place) for place in places)
+
+
+@given(HOMES, st.floats(-44.0, 44.0), st.floats(1.5, 6.0))
+def test_a_grid_turned_to_fit_is_the_smallest_box(home, bearing, longer):
+    axes = Grid(1, 1, 0, 0, 400.0, bearing=bearing)
+    corners = [axes.at(col, row) for col in (0.0, longer) for row in (0.0, 1.0)]
+    places = placed(home, corners[1:])
+    assert fitted_bearing(places) == pytest.approx(bearing, abs=0.1)
+    size, _ = chosen_size(places[0], places[1:], [], bearing)
+    grid = laid_out(places[0], places, places[0], size, bearing)
+    area = grid.q * size**2
+    assert longer * 400.0**2 < area < (longer * 400.0 + 1.5 * size) * (400.0 + 1.5 * size)
+
+
+@pytest.mark.parametrize(
+    ('turn', 'bearing'), [((), 0.0), (('--turn=30',), 30.0), (('--turn=fit',), -29.9)]
+)
+def test_a_grid_is_turned_as_asked(tmp_path, capsys, turn, bearing):
+    """Home and two goals on one line, which leads 29.9 degrees north of east, by Vincenty."""
+    line = ['--home=47,8', '--goal=a,47.001,8.00255', '--goal=b,47.002,8.0051', *turn]
+    azimuth = float(vdist(47.0, 8.0, 47.002, 8.0051)[1])
+    assert azimuth - 90.0 == pytest.approx(-29.9, abs=0.1)
+    mission = made(tmp_path, *line)
+    assert mission.grid.bearing == pytest.approx(bearing, abs=0.1)
+    assert ('their columns leading to' in capsys.readouterr().out) == bool(turn)
+    assert min(mission.grid.rows, mission.grid.cols) == 1 or bearing >= 0.0
 
 
 # Warnings

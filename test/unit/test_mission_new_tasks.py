@@ -344,6 +344,9 @@ MIDDLES = st.lists(
 )
 
 
+BEARINGS = st.sampled_from([0.0, 30.0])
+
+
 def rounds_at(middles, points):
     found = []
     for number, (x, y) in enumerate(middles):
@@ -353,15 +356,17 @@ def rounds_at(middles, points):
     return found
 
 
-@given(POINTS, MIDDLES, st.floats(5.0, 300.0))
-def test_a_grid_that_fits_does(points, middles, size):
+@given(POINTS, MIDDLES, st.floats(5.0, 300.0), BEARINGS)
+def test_a_grid_that_fits_does(points, middles, size, bearing):
     goals, home = rounds_at(middles, points), Place('home', 47.0, 8.0, 'test')
-    grid = fitting(home, home, goals, size, larger=True)
+    grid = fitting(home, home, goals, size, bearing, larger=True)
     if grid is None:  # Two goals are closer than any cells that fit.
         needed = max(radius_of(points) / (1.0 - math.sqrt(0.5)) * 1.1 + 1.0, size * 1.1)
+        axes = Grid(1, 1, 0, 0, 1.0, bearing=bearing)
+        places = [axes.coordinates(*middle) for middle in middles]
         assert any(
             max(abs(a - b) for a, b in zip(one, other)) < needed
-            for one, other in itertools.combinations(middles, 2)
+            for one, other in itertools.combinations(places, 2)
         )
         return
     assert grid.cell_size >= size
@@ -379,15 +384,15 @@ def radius_of(points):
     return max(centre.distance(Point(point)) for point in points)
 
 
-@given(POINTS)
-def test_one_round_is_fitted_with_the_least_cells(points):
+@given(POINTS, BEARINGS)
+def test_one_round_is_fitted_with_the_least_cells(points, bearing):
     """Two digits of its radius, and no more."""
     [goal], home = rounds_at([(900.0, 700.0)], points), Place('home', 47.0, 8.0, 'test')
-    grid = fitting(home, home, [goal], 5.0, larger=True)
+    grid = fitting(home, home, [goal], 5.0, bearing, larger=True)
     radius = radius_of(points)
     assert radius * 0.999 <= grid.cell_size <= max(1.12 * radius, 5.0)
     if radius > 5.5:
-        smaller = laid_out(home, with_waypoints([home, goal]), home, radius * 0.99, goal)
+        smaller = laid_out(home, with_waypoints([home, goal]), home, radius * 0.99, bearing, goal)
         assert misfit(smaller, goal)
 
 

@@ -35,8 +35,8 @@ ROSDEP_KEYS = {
     'argcomplete': 'python3-argcomplete',
 }
 OPTIONAL = {'threadpoolctl'}  # rosdep has no key for it.
-OF_AN_EXTRA = {  # Commands that need them ask for them.
-    *('shapely', 'defusedxml', 'rosbags'),
+OF_AN_EXTRA = {  # Whoever needs one asks for it.
+    *('shapely', 'defusedxml', 'matplotlib', 'rosbags'),
     *('nicegui', 'fastapi', 'uvicorn'),
 }
 PYPI_NAMES = {'yaml': 'pyyaml', 'serial': 'pyserial'}  # Where the import is called otherwise.

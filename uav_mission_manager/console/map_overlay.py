@@ -176,7 +176,7 @@ def target_of(mission: Mission, heard: Heard) -> Point | None:
 def _goals(mission: Mission, heard: Heard, scale: Scale) -> Iterator[str]:
     """Draw goals by priority and state: the larger, the more is wanted."""
     size, drawn = scale.text, dict[int, int]()
-    space = StateSpace(mission.k, mission.grid.q)
+    space = StateSpace.of(mission)
     state = last_state(heard.epochs)
     known = len(state) == len(space.names)
     for j, goal in enumerate(mission.goals):

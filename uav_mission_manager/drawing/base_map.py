@@ -13,6 +13,7 @@ from uav_mission_manager.drawing.places import (
     Point,
     area_shapes,
     corners,
+    inner_lines,
     onsets,
     outline,
     rounds,
@@ -63,8 +64,8 @@ class Scale:
     """
 
     def __init__(self, mission: Mission) -> None:
-        grid = mission.grid
-        (west, south), _, (east, north), *_ = outline(grid)
+        easts, norths = zip(*outline(mission.grid), strict=True)
+        west, east, south, north = min(easts), max(easts), min(norths), max(norths)
         width, height = east - west, north - south
         self.text = max(width, height) / TEXT_SHARE
         side, foot = 2.2 * self.text, 4.6 * self.text
@@ -148,7 +149,11 @@ def text_at(kind: str, x: float, y: float, text: str, size: float) -> str:
 
 def points_of(ring: Sequence[Point]) -> str:
     """Corners of a ring for `points`; the last one of a closed ring is left out."""
-    return ' '.join(f'{east:.6g},{-north:.6g}' for east, north in ring[:-1])
+    return ' '.join(map(_pair, ring[:-1]))
+
+
+def _pair(point: Point) -> str:
+    return f'{point[0]:.6g},{-point[1]:.6g}'
 
 
 def _cells(mission: Mission) -> Iterator[str]:
@@ -165,32 +170,24 @@ def _cells(mission: Mission) -> Iterator[str]:
 
 def _lines(mission: Mission) -> Iterator[str]:
     grid = mission.grid
-    (west, south), _, (east, north), *_ = outline(grid)
     if max(grid.rows, grid.cols) > MOST_LINES:
         return
-    steps = [
-        f'M{west + i * grid.cell_size:.6g} {-north:.6g}V{-south:.6g}' for i in _inner(grid.cols)
-    ]
-    steps += [
-        f'M{west:.6g} {-north + i * grid.cell_size:.6g}H{east:.6g}' for i in _inner(grid.rows)
-    ]
-    yield f'<path class="line" d="{"".join(steps)}"/>'
+    lines = ''.join(f'M{_pair(start)}L{_pair(end)}' for start, end in inner_lines(grid))
+    yield f'<path class="line" d="{lines}"/>'
     yield f'<polygon class="edge" points="{points_of(outline(grid))}"/>'
 
 
-def _inner(count: int) -> range:
-    return range(1, count)
-
-
 def _numbers(mission: Mission, scale: Scale) -> Iterator[str]:
-    grid, half = mission.grid, mission.grid.cell_size / 2
+    grid = mission.grid
     if grid.q > MOST_NUMBERED:
         return
     size = min(0.62 * scale.text, grid.cell_size / 4)
+    right, down = 0.5 * size / grid.cell_size - 0.5, 1.3 * size / grid.cell_size - 0.5
     for cell in range(grid.q):
-        east, north = grid.position(cell)
-        x, y = east - half + 0.5 * size, -north - half + 1.3 * size
-        yield f'<text class="number" x="{x:.6g}" y="{y:.6g}" font-size="{size:.4g}">{cell}</text>'
+        row, col = divmod(cell, grid.cols)
+        east, north = grid.at(col + right, row + down)
+        place = f'translate({east:.6g} {-north:.6g}) rotate({grid.bearing:g})'
+        yield f'<text class="number" transform="{place}" font-size="{size:.4g}">{cell}</text>'
 
 
 def _areas(mission: Mission, scale: Scale) -> Iterator[str]:

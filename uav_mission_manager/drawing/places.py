@@ -92,14 +92,23 @@ def rounds(mission: Mission) -> dict[int, tuple[Point, ...]]:
 
 
 def corners(grid: Grid, first: int, last: int) -> tuple[Point, ...]:
-    """Corners of the rectangle from one cell to another one south-east of it, counter-clockwise.
+    """Corners of the rectangle from one cell to another one below it and to the right.
 
-    The first one is repeated at the end.
+    They go counter-clockwise; the first one is repeated at the end.
     """
-    half = grid.cell_size / 2
-    (west, north), (east, south) = grid.position(first), grid.position(last)
-    west, east, south, north = west - half, east + half, south - half, north + half
-    return (west, south), (east, south), (east, north), (west, north), (west, south)
+    (top, left), (bottom, right) = divmod(first, grid.cols), divmod(last, grid.cols)
+    lower_left = grid.at(left - 0.5, bottom + 0.5)
+    lower_right = grid.at(right + 0.5, bottom + 0.5)
+    upper_right, upper_left = grid.at(right + 0.5, top - 0.5), grid.at(left - 0.5, top - 0.5)
+    return lower_left, lower_right, upper_right, upper_left, lower_left
+
+
+def inner_lines(grid: Grid) -> list[tuple[Point, Point]]:
+    """Return the lines between columns and between rows, by their ends."""
+    right, bottom = grid.cols - 0.5, grid.rows - 0.5
+    columns = [(grid.at(x + 0.5, -0.5), grid.at(x + 0.5, bottom)) for x in range(grid.cols - 1)]
+    rows = [(grid.at(-0.5, y + 0.5), grid.at(right, y + 0.5)) for y in range(grid.rows - 1)]
+    return columns + rows
 
 
 def outline(grid: Grid) -> tuple[Point, ...]:

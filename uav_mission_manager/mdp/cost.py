@@ -40,14 +40,15 @@ def commitment_savings(mission: Mission) -> FloatArray:
 
 
 def travel_costs(mission: Mission) -> FloatArray:
-    """h: distance to the destination, and what a service costs where it is given, (2k+4, q)."""
+    """h: distance to the destination, what a service costs where it is given, extra: (2k+4, q)."""
     costs = []
     for action in global_actions(mission):
         cost = mission.distance_weight * distances(mission.grid, action.destination)
         if action.kind in (ActionKind.RECHARGE, ActionKind.REPAIR):
             cost[mission.grid.service] += getattr(mission.service_cost, action.kind.value)
         costs.append(cost)
-    return np.array(costs)
+    extra = mission.extra_costs
+    return np.array(costs) + np.array(extra) if extra else np.array(costs)
 
 
 def fault_costs(mission: Mission) -> FloatArray:
@@ -56,7 +57,7 @@ def fault_costs(mission: Mission) -> FloatArray:
 
 
 def threat_costs(mission: Mission) -> FloatArray:
-    """p(t, m), shape (3, 2)."""
+    """p(t, m), shape (T, 2) for T threat levels."""
     return np.array(mission.threat.cost)
 
 
@@ -64,7 +65,7 @@ class StageCost:
     """J(s, a) of a mission, its tables made once for many calls."""
 
     def __init__(self, mission: Mission) -> None:
-        self._space = StateSpace(mission.k, mission.grid.q)
+        self._space = StateSpace.of(mission)
         self._goals, self._savings = goal_costs(mission), commitment_savings(mission)
         self._travel = travel_costs(mission)
         self._faults, self._threat = fault_costs(mission), threat_costs(mission)

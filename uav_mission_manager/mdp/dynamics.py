@@ -107,15 +107,10 @@ def priority_matrices(mission: Mission) -> FloatArray:
 
 
 def threat_matrices(mission: Mission) -> FloatArray:
-    """P(t' | t) for each cell l', shape (q, 3, 3)."""
+    """P(t' | t) for each cell l' and T threat levels, shape (q, T, T)."""
     threat = mission.threat
     onset = np.full(mission.grid.q, threat.onset)
     for cell, value in threat.zones:
         onset[cell] = value
-    matrices = np.empty((mission.grid.q, 3, 3))
-    matrices[:, 0, 0] = 1 - onset
-    matrices[:, 0, 1] = onset * (1 - threat.high_share)
-    matrices[:, 0, 2] = onset * threat.high_share
-    matrices[:, 1] = threat.from_low
-    matrices[:, 2] = threat.from_high
-    return matrices
+    different, which = np.unique(onset, return_inverse=True)
+    return np.array([threat.transition(value) for value in different.tolist()])[which]

@@ -61,7 +61,7 @@ def feasibility(mission: Mission) -> Feasibility:
 
 def allowed_actions(mission: Mission, states: ArrayLike) -> BoolArray:
     """Whether each action is allowed in states (N, 2k+5), shape (N, 2k+4). Raises `StateError`."""
-    space, rule = StateSpace(mission.k, mission.grid.q), feasibility(mission)
+    space, rule = StateSpace.of(mission), feasibility(mission)
     s = space.split(space.check(states))
     allowed = rule.by_fault[:, s.f - 1].T
     for column, action in zip(allowed.T, global_actions(mission)):

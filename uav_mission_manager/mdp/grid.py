@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from uav_mission_manager.geodesy import Origin
@@ -9,7 +10,9 @@ from uav_mission_manager.geodesy import Origin
 
 @dataclass(frozen=True)
 class Grid:
-    """A grid of square cells, numbered row by row from 0; columns run east, rows south.
+    """A grid of square cells, numbered row by row from 0.
+
+    Columns run east and rows south, unless the grid is turned.
 
     Attributes
     ----------
@@ -23,6 +26,8 @@ class Grid:
         Centre of cell 0; needed to fly, not to plan.
     elevation : tuple of (cell, elevation)
         Ground above the origin's altitude [m], where it differs from it.
+    bearing : float
+        Which way the first row lies from the last one [deg], clockwise from north.
     """
 
     rows: int
@@ -32,6 +37,7 @@ class Grid:
     cell_size: float = 50.0
     origin: Origin | None = None
     elevation: tuple[tuple[int, float], ...] = ()
+    bearing: float = 0.0
 
     @property
     def q(self) -> int:
@@ -41,7 +47,23 @@ class Grid:
     def position(self, cell: int) -> tuple[float, float]:
         """East and north [m] of a cell's centre from the centre of cell 0."""
         row, col = divmod(cell, self.cols)
-        return col * self.cell_size, -row * self.cell_size
+        return self.at(col, row)
+
+    def at(self, col: float, row: float) -> tuple[float, float]:
+        """East and north [m] of a point given in columns and rows from the centre of cell 0."""
+        turn = math.radians(self.bearing)
+        right, up = col * self.cell_size, -row * self.cell_size
+        return (
+            right * math.cos(turn) + up * math.sin(turn),
+            up * math.cos(turn) - right * math.sin(turn),
+        )
+
+    def coordinates(self, east: float, north: float) -> tuple[float, float]:
+        """Columns and rows of a point [m] from the centre of cell 0; the inverse of `at`."""
+        turn = math.radians(self.bearing)
+        right = east * math.cos(turn) - north * math.sin(turn)
+        up = north * math.cos(turn) + east * math.sin(turn)
+        return right / self.cell_size, -up / self.cell_size
 
     def ground(self, cell: int) -> float:
         """Elevation of a cell's ground above the origin's altitude [m]."""
@@ -49,14 +71,10 @@ class Grid:
 
     def contains(self, east: float, north: float) -> bool:
         """Whether a point [m] lies on the grid."""
-        half = self.cell_size / 2
-        return (
-            -half <= east <= (self.cols - 1) * self.cell_size + half
-            and -half <= -north <= (self.rows - 1) * self.cell_size + half
-        )
+        col, row = self.coordinates(east, north)
+        return -0.5 <= col <= self.cols - 0.5 and -0.5 <= row <= self.rows - 0.5
 
     def cell_at(self, east: float, north: float) -> int:
         """Cell nearest to a point [m]: the one it lies in, on the border where it lies outside."""
-        col = min(max(round(east / self.cell_size), 0), self.cols - 1)
-        row = min(max(round(-north / self.cell_size), 0), self.rows - 1)
-        return row * self.cols + col
+        col, row = map(round, self.coordinates(east, north))
+        return min(max(row, 0), self.rows - 1) * self.cols + min(max(col, 0), self.cols - 1)

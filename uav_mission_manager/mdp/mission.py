@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from itertools import chain
+from typing import Any, ClassVar
 
 from uav_mission_manager.goal_task import GoalTask, task_to_dict
 from uav_mission_manager.mdp.areas import Areas
@@ -115,10 +117,12 @@ class Range:
 
 @dataclass(frozen=True)
 class Threat:
-    """The threat level's Markov chain and its cost.
+    """The threat level's Markov chain and its cost; a subclass may have other levels.
 
     Attributes
     ----------
+    levels : tuple of str
+        Names of t = 0, 1, ..
     onset : float
         P(t: 0 -> 1 or 2) an epoch in an ordinary cell.
     zones : tuple of (cell, onset)
@@ -127,16 +131,41 @@ class Threat:
         Share of onsets that are high.
     from_low, from_high : tuple of 3
         P(t' | t = 1) and P(t' | t = 2).
-    cost : tuple of 3 rows of 2
+    cost : tuple of a row of 2 for each level
         p(t, m); columns normal, agile.
+
+    Raises
+    ------
+    ValueError
+        If there is not a row of `cost` for each level, or `transition` gives no probabilities.
     """
 
+    levels: ClassVar[tuple[str, ...]] = THREAT_LEVELS
     onset: float
     zones: tuple[tuple[int, float], ...]
     high_share: float
     from_low: Row
     from_high: Row
     cost: Matrix
+
+    def __post_init__(self) -> None:
+        """Raise `ValueError` where the levels, their costs and their chain do not fit together."""
+        count = len(self.levels)
+        if len(self.cost) != count:
+            names = ', '.join(self.levels)
+            raise ValueError(f'threat.cost: {len(self.cost)} rows are not one each of {names}')
+        for onset in {self.onset, *dict(self.zones).values()}:
+            rows = self.transition(onset)
+            if [len(row) for row in rows] != [count] * count:
+                raise ValueError(f'threat.transition: not {count} rows of {count} numbers')
+            for row in rows:
+                if not (min(row) >= 0 and math.isclose(sum(row), 1)):
+                    raise ValueError(f'threat.transition: {row} are no probabilities of sum 1')
+
+    def transition(self, onset: float) -> Matrix:
+        """P(t' | t), row by row, on arrival in a cell with this onset."""
+        high = onset * self.high_share
+        return (1 - onset, onset * (1 - self.high_share), high), self.from_low, self.from_high
 
 
 @dataclass(frozen=True)
@@ -185,9 +214,17 @@ class Mission:
         Cost of a cell width between the UAV and its destination, an epoch.
     energy : Energy or None
         Needed on board, not to plan.
+    extra_costs : tuple of 2k+4 rows of q
+        Cost an epoch of each action in each cell, on top of the paper's h; none by default. A
+        mission file has no such field.
     areas : Areas
         Fence and no-fly areas. No part of the decision process: missions that differ in nothing
         else are equal and have one digest.
+
+    Raises
+    ------
+    ValueError
+        If `extra_costs` have another shape, or one is below 0 or not finite.
     """
 
     name: str
@@ -201,7 +238,17 @@ class Mission:
     distance_weight: float
     service_cost: ServiceCost = ServiceCost()
     energy: Energy | None = None
+    extra_costs: Matrix = ()
     areas: Areas = field(default=Areas(), compare=False)
+
+    def __post_init__(self) -> None:
+        """Raise `ValueError` where the extra costs cannot be used."""
+        actions, lengths = 2 * self.k + 4, {len(row) for row in self.extra_costs}
+        if self.extra_costs and (len(self.extra_costs) != actions or lengths != {self.grid.q}):
+            raise ValueError(f'extra_costs: not {actions} rows of {self.grid.q}')
+        for cost in chain.from_iterable(self.extra_costs):
+            if not 0 <= cost < math.inf:
+                raise ValueError(f'extra_costs: {cost} is below 0 or not finite')
 
     @property
     def k(self) -> int:
@@ -213,8 +260,20 @@ class Mission:
         return {'goals': [(goal.name, goal.cell) for goal in self.goals], 'grid': self.grid}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the mission in the mission file's schema; reading it gives an equal mission."""
+        """Return the mission in the mission file's schema; reading it gives an equal mission.
+
+        Raises
+        ------
+        ValueError
+            If the mission has what no mission file can say.
+        """
+        if self.extra_costs:
+            raise ValueError(f'mission {self.name}: extra_costs: no mission file has them')
+        if type(self.threat) is not Threat:
+            kind = type(self.threat).__name__
+            raise ValueError(f'mission {self.name}: threat: no mission file has a {kind}')
         data = asdict(self)
+        del data['extra_costs']
         for entry, goal in zip(data['goals'], self.goals, strict=True):
             entry['task'] = goal.task and task_to_dict(goal.task)
             if goal.task is None:
@@ -225,6 +284,8 @@ class Mission:
         data['grid']['elevation'] = {str(cell): up for cell, up in self.grid.elevation}
         if not self.grid.elevation:
             del data['grid']['elevation']
+        if not self.grid.bearing:
+            del data['grid']['bearing']
         if self.energy is None:
             del data['energy']
         data['areas'] = {key: value for key, value in data['areas'].items() if value}

@@ -163,6 +163,7 @@ def _grid(section: Section) -> Grid:
         cell_size=section.get('cell_size'),
         origin=section.below('origin', lambda origin: Origin(**_all(origin))),
         elevation=section.cells('elevation', _cell_key(size)),
+        bearing=section.get('bearing'),
     )
 
 

@@ -46,8 +46,8 @@ _ORIGIN = Table(
 
 _GRID = Table(
     (
-        Field('rows', _SIDE, 'cells from north to south'),
-        Field('cols', _SIDE, 'cells from west to east'),
+        Field('rows', _SIDE, 'cells from north to south, unless it is turned'),
+        Field('cols', _SIDE, 'cells from west to east, unless it is turned'),
         Field('base', _CELL, 'home cell; cells are numbered row by row from 0'),
         Field('service', _CELL, 'cell where the vehicle is recharged and repaired'),
         Field('cell_size', fields.positive, 'width of a cell [m]', 50.0),
@@ -57,6 +57,12 @@ _GRID = Table(
             Cells(fields.within(-9000.0, 9000.0)),
             "by cell: its ground above the origin's altitude [m]",
             {},
+        ),
+        Field(
+            'bearing',
+            fields.within(-360.0, 360.0),
+            'which way the first row lies from the last one, clockwise from north [deg]',
+            0.0,
         ),
     )
 )

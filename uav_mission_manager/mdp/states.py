@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uav_mission_manager.mdp.arrays import IntArray
+from uav_mission_manager.mdp.mission import THREAT_LEVELS, Mission
 
 
 class StateError(ValueError):
@@ -41,7 +42,7 @@ class StateView(NamedTuple):
 
 @dataclass(frozen=True)
 class StateSpace:
-    """All states of a mission with k goals on q cells.
+    """All states of a mission with k goals on q cells and some threat levels.
 
     A state is a row of 2k+5 integers; f counts from 1, all others from 0. The index runs over
     the rows in lexicographic order, m fastest.
@@ -49,11 +50,17 @@ class StateSpace:
 
     k: int
     q: int
+    threats: int = len(THREAT_LEVELS)
+
+    @classmethod
+    def of(cls, mission: Mission) -> StateSpace:
+        """Return the states of a mission."""
+        return cls(mission.k, mission.grid.q, len(mission.threat.levels))
 
     @property
     def shape(self) -> tuple[int, ...]:
         """Number of values of each variable."""
-        return (8, *(2,) * self.k, *(3,) * self.k, self.q, self.k + 1, 3, 2)
+        return (8, *(2,) * self.k, *(3,) * self.k, self.q, self.k + 1, self.threats, 2)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -64,7 +71,7 @@ class StateSpace:
 
     @property
     def size(self) -> int:
-        """Number of states: 8 * 2^k * 3^k * q * (k+1) * 3 * 2."""
+        """Number of states: 8 * 2^k * 3^k * q * (k+1) * threats * 2."""
         return math.prod(self.shape)
 
     def check(self, states: ArrayLike) -> IntArray:

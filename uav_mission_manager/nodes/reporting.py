@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 
 from builtin_interfaces.msg import Time
@@ -182,6 +183,8 @@ def markers(situation: Situation, target: int | None, stamp: Time) -> MarkerArra
         at(label, grid.position(goal.cell)).text = f'{goal.name}: {situation.priorities[j]}'
     cube = add('threat', Marker.CUBE, THREAT_COLOURS[situation.threat], size)
     at(cube, grid.position(situation.cell)).scale.z = size / 50
+    half_turn = -math.radians(grid.bearing) / 2.0
+    cube.pose.orientation.z, cube.pose.orientation.w = math.sin(half_turn), math.cos(half_turn)
     line = add('target', Marker.LINE_STRIP, BLUE, size / 25)
     if situation.position is None or target is None:
         line.action = Marker.DELETE
@@ -197,10 +200,8 @@ def _point(position: tuple[float, float]) -> Point:
 
 
 def _grid_lines(grid: Grid) -> Iterator[Point]:
-    size = grid.cell_size
-    west, north = -size / 2, size / 2
-    east, south = west + grid.cols * size, north - grid.rows * size
+    right, bottom = grid.cols - 0.5, grid.rows - 0.5
     for col in range(grid.cols + 1):
-        yield from (_point((west + col * size, north)), _point((west + col * size, south)))
+        yield from (_point(grid.at(col - 0.5, -0.5)), _point(grid.at(col - 0.5, bottom)))
     for row in range(grid.rows + 1):
-        yield from (_point((west, north - row * size)), _point((east, north - row * size)))
+        yield from (_point(grid.at(-0.5, row - 0.5)), _point(grid.at(right, row - 0.5)))

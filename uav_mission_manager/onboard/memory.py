@@ -65,7 +65,7 @@ def remembered(situation: Situation, memory: Mapping[str, Any]) -> Situation:
         agile=bool(memory['agile']),
         known=frozenset(memory['known']) & KEPT_TOPICS,
     )
-    StateSpace(situation.mission.k, situation.mission.grid.q).check(known.state)
+    StateSpace.of(situation.mission).check(known.state)
     return known
 
 

@@ -40,8 +40,8 @@ def present_cell(
 
 def cell_with_margin(grid: Grid, position: tuple[float, float], last: int) -> int:
     """Cell of a position [m]; `last`, the cell before, until it is left by a margin."""
-    centre = grid.position(last)
-    away = max(abs(position[0] - centre[0]), abs(position[1] - centre[1]))
+    (col, row), (last_row, last_col) = grid.coordinates(*position), divmod(last, grid.cols)
+    away = grid.cell_size * max(abs(col - last_col), abs(row - last_row))
     return last if away <= grid.cell_size / 2.0 + _margin(grid) else grid.cell_at(*position)
 
 
@@ -51,13 +51,11 @@ def _margin(grid: Grid) -> float:
 
 def off_grid(grid: Grid, position: tuple[float, float]) -> float:
     """Distance [m] of a position off the grid; 0 where it is on it, or near enough."""
-    half = grid.cell_size / 2.0
-    x, y = position[0] + half, half - position[1]
     beyond = (
-        max(-along, along - cells * grid.cell_size, 0.0)
-        for along, cells in ((x, grid.cols), (y, grid.rows))
+        max(-0.5 - along, along - (cells - 0.5), 0.0)
+        for along, cells in zip(grid.coordinates(*position), (grid.cols, grid.rows))
     )
-    away = math.hypot(*beyond)
+    away = grid.cell_size * math.hypot(*beyond)
     return away if away > OFF_GRID_SHARE * grid.cell_size else 0.0
 
 

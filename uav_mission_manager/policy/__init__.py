@@ -11,6 +11,7 @@ from uav_mission_manager.policy.checkpoint import Checkpoint
 from uav_mission_manager.policy.decision import Decision
 from uav_mission_manager.policy.exact_policy import ExactPolicy
 from uav_mission_manager.policy.expansion_policy import ExpansionPolicy
+from uav_mission_manager.policy.plotting import plot_policy
 from uav_mission_manager.policy.policy import Policy
 from uav_mission_manager.policy.prediction import DEFAULT_ORDER
 from uav_mission_manager.policy.recombined_policy import RecombinedPolicy
@@ -30,4 +31,5 @@ __all__ = [
     'RecombinedPolicy',
     'build_policy',
     'load_policy',
+    'plot_policy',
 ]

@@ -39,7 +39,7 @@ from uav_mission_manager.solver.decomposition.plan import Plan
 from uav_mission_manager.solver.exact import LookAhead, solve_blocks, value_iteration
 from uav_mission_manager.solver.expansion import Clusters, Expansion, fit_expansion
 from uav_mission_manager.solver.progress import Progress, Report, ignore
-from uav_mission_manager.solver.submdp import state_count, whole_mission
+from uav_mission_manager.solver.submdp import whole_mission
 
 DEFAULT_METHOD = 'auto'
 """Method of `build_policy` where none is asked for."""
@@ -235,7 +235,7 @@ def _plan(expansion: Expansion, max_states: int) -> Plan:
 
 def _recombined(method: str, job: Job) -> RecombinedPolicy:
     mission = job.mission
-    max_states = job.max_states or state_count(1, mission.grid.q, 8)
+    max_states = job.max_states or states_in_full(mission, 1)
     plan = decompose(mission, max_states, 'goal')
     by_goals = {sub.goals: sub for sub in RECOMBINATIONS[method].sub_mdps(mission)}
     subs = [by_goals[goals] for goals in sorted(part.goals for part in plan.parts)]

@@ -10,7 +10,6 @@ import numpy as np
 
 from uav_mission_manager.mdp import (
     FAULT_MODES,
-    THREAT_LEVELS,
     Action,
     ActionKind,
     Mission,
@@ -93,7 +92,7 @@ def explain(
 
 
 def _motive(mission: Mission, state: list[int], action: Action) -> str:
-    s = StateSpace(mission.k, mission.grid.q).split(np.array(state))
+    s = StateSpace.of(mission).split(np.array(state))
     if action.goal is not None:
         goal, level = mission.goals[action.goal], ('no', 'low', 'high')[s.g[action.goal]]
         motive = f'{goal.name} has {level} priority'
@@ -106,4 +105,4 @@ def _motive(mission: Mission, state: list[int], action: Action) -> str:
         motive = 'no goal is wanted'
     else:
         motive = 'no goal is worth flying to now'
-    return f'{motive}, threat {THREAT_LEVELS[s.t]}' if action.agile else motive
+    return f'{motive}, threat {mission.threat.levels[s.t]}' if action.agile else motive

@@ -55,7 +55,7 @@ class Policy(ABC):
     ) -> None:
         self.mission, self.method, self.plan = mission, method, plan
         self.certificate, self.digest = certificate, digest
-        self.space = StateSpace(mission.k, mission.grid.q)
+        self.space = StateSpace.of(mission)
 
     @classmethod
     @abstractmethod

@@ -65,7 +65,7 @@ class Prediction:
 
 def states_in_full(mission: Mission, order: int = DEFAULT_ORDER) -> int:
     """Most states of a cluster that holds so many goals in full."""
-    return state_count(min(order, mission.k), mission.grid.q, 8)
+    return state_count(min(order, mission.k), mission.grid.q, 8, len(mission.threat.levels))
 
 
 def exact_bytes(sub: SubMdp, precision: str = 'mixed') -> int:
@@ -137,6 +137,6 @@ def _solved(method: str, subs: tuple[SubMdp, ...]) -> Prediction:
 def _expansion(mission: Mission) -> Prediction:
     clusters = Clusters.up_to(mission, DEFAULT_ORDER, states_in_full(mission))
     states = clusters.states(mission)
-    unknowns = mission.grid.q * 24 * clusters.features
+    unknowns = mission.grid.q * 8 * len(mission.threat.levels) * clusters.features
     needed = fit_bytes(mission, clusters)
     return Prediction('expansion', len(states), max(states), unknowns, needed, None)

@@ -76,6 +76,8 @@ def write_policy_set(contents: PolicySet, directory: Path) -> str:
     ------
     PolicyError
         If the place holds something that is no policy set, or cannot be written.
+    ValueError
+        If the mission has what no mission file can say.
     """
     try:
         if directory.exists() and not _replaceable(directory):
@@ -222,7 +224,7 @@ def _read_expansion(directory: Path, mission: Mission, part: dict[str, Any]) -> 
         Group(group['detail'], _goals(mission, group['clusters'])) for group in part['clusters']
     ]
     clusters = Clusters(tuple(groups))
-    shape = mission.grid.q, 3, 8, clusters.features
+    shape = mission.grid.q, len(mission.threat.levels), 8, clusters.features
     theta = _read_array(directory, part['theta'], shape, FLOAT_TYPES)
     return Expansion(mission, clusters, theta, **numbers(part, EXPANSION_FIELDS))
 
@@ -236,7 +238,8 @@ def _goals(mission: Mission, clusters: list[list[int]]) -> tuple[tuple[int, ...]
 
 def _read_certificate(directory: Path, mission: Mission, part: dict[str, Any]) -> Certificate:
     clusters = np.array(_goals(mission, part['clusters']))
-    shape = len(clusters), mission.grid.q, 3, 8, *(6,) * clusters.shape[1]
+    whole = mission.grid.q, len(mission.threat.levels), 8
+    shape = len(clusters), *whole, *(6,) * clusters.shape[1]
     tables = _read_array(directory, part['tables'], shape, FLOAT_TYPES)
     bound = LowerBound(mission, clusters, tables)
     rest = {name: part[name] for name in part if name not in ('clusters', 'tables')}
@@ -280,9 +283,8 @@ def _read_part(directory: Path, mission: Mission, part: dict[str, Any]) -> Solut
         part['travel'],
         tuple(part['goal_shares']),
     )
-    shape = mission.grid.q, 3 * 3**sub.n, 8 * 2**sub.n
     arrays: dict[str, Any] = {
-        name: _read_array(directory, part['arrays'][name], shape, types)
+        name: _read_array(directory, part['arrays'][name], sub.shape, types)
         for name, types in SOLUTION_ARRAYS.items()
         if name != 'actions' or name in part['arrays']
     }

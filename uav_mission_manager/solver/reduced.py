@@ -55,8 +55,8 @@ class ReducedMission:
         Position among the goals tracked of the one an action commits to, -1 for none.
     agile : int array (A,)
         m' of each action.
-    threat : float array (q, 3, 3)
-        P(t' | t) on arrival in each cell.
+    threat : float array (q, T, T)
+        P(t' | t) of T threat levels on arrival in each cell.
     faults : float array (5, 8, 8)
         P(f' | f) in each regime.
     goals : float array (5, n, 6, 6)
@@ -71,14 +71,14 @@ class ReducedMission:
         h of each action in each cell.
     saving : float array (2, n, 6)
         Discounted E[eta_j g_j' r_j'] after a normal and an agile flight: what a commitment saves.
-    price : float array (2, q, 3)
+    price : float array (2, q, T)
         Discounted E[p(t', m') | t] on arrival in each mode and cell.
     """
 
     def __init__(self, sub: SubMdp) -> None:
         mission, chosen = sub.mission, np.array(sub.numbers) - 1
         self.sub, self.n, self.q = sub, sub.n, mission.grid.q
-        self.space = StateSpace(mission.k, mission.grid.q)
+        self.space = StateSpace.of(mission)
         self.landings = dynamics.landings(mission)[chosen]
         self.regimes = dynamics.regimes(mission)[chosen]
         slots = [sub.slot(action) for action in sub.actions]

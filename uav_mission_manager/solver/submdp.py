@@ -8,6 +8,7 @@ committed to it. The whole mission is the sub-MDP of all goals. Its costs are th
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,7 +18,7 @@ from uav_mission_manager.mdp import cost
 from uav_mission_manager.mdp.actions import Action, global_actions, local_actions
 from uav_mission_manager.mdp.arrays import FloatArray, IntArray
 from uav_mission_manager.mdp.feasibility import Feasibility, feasibility
-from uav_mission_manager.mdp.mission import Mission
+from uav_mission_manager.mdp.mission import THREAT_LEVELS, Mission
 from uav_mission_manager.mdp.states import StateSpace
 
 
@@ -59,14 +60,24 @@ class SubMdp:
         return tuple(everything[number - 1] for number in self.numbers)
 
     @property
+    def threats(self) -> int:
+        """Number T of threat levels."""
+        return len(self.mission.threat.levels)
+
+    @property
     def states(self) -> int:
-        """Number of states: 8 * 2^n * 3^n * q * (n+1) * 3 * 2."""
-        return state_count(self.n, self.mission.grid.q, 8)
+        """Number of states: 8 * 2^n * 3^n * q * (n+1) * T * 2."""
+        return state_count(self.n, self.mission.grid.q, 8, self.threats)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Shape of W over the axes l, (t, g), (f, r): (q, T * 3^n, 8 * 2^n)."""
+        return self.mission.grid.q, self.threats * 3**self.n, 8 * 2**self.n
 
     @property
     def entries(self) -> int:
-        """Number of unknowns W(l, t, g, f, r): q * 3 * 3^n * 8 * 2^n."""
-        return self.mission.grid.q * 24 * 6**self.n
+        """Number of unknowns W(l, t, g, f, r)."""
+        return math.prod(self.shape)
 
     def slot(self, action: Action) -> int | None:
         """Position in `goals` of the goal an action commits to, None where it tracks none."""
@@ -95,7 +106,7 @@ class SubMdp:
 
     @cached_property
     def threat_costs(self) -> FloatArray:
-        """p(t, m), shape (3, 2)."""
+        """p(t, m), shape (T, 2)."""
         return self.share * cost.threat_costs(self.mission)
 
     @cached_property
@@ -114,7 +125,7 @@ class SubMdp:
 
     @cached_property
     def _space(self) -> StateSpace:
-        return StateSpace(self.mission.k, self.mission.grid.q)
+        return StateSpace.of(self.mission)
 
     @cached_property
     def _chosen(self) -> IntArray:
@@ -125,9 +136,11 @@ class SubMdp:
         return np.array(self.goal_shares or (1.0,) * self.n)[:, None, None]
 
 
-def state_count(goals: int, cells: int, fault_modes: int) -> int:
-    """States of an MDP that tracks so many goals, cells and fault modes."""
-    return fault_modes * 6**goals * cells * (goals + 1) * 6
+def state_count(
+    goals: int, cells: int, fault_modes: int, threats: int = len(THREAT_LEVELS)
+) -> int:
+    """States of an MDP that tracks so many goals, cells, fault modes and threat levels."""
+    return fault_modes * 6**goals * cells * (goals + 1) * threats * 2
 
 
 def whole_mission(mission: Mission) -> SubMdp:

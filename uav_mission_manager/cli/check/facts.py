@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from uav_mission_manager.cli.tasks import in_words, task_seconds
-from uav_mission_manager.mdp import Mission
+from uav_mission_manager.mdp import Grid, Mission
 from uav_mission_manager.mdp.epoch import SECONDS_PER_MINUTE
 from uav_mission_manager.onboard.range_model import flight_range, required_ranges
 from uav_mission_manager.solver.evaluation.forecast import epoch_length
@@ -54,6 +54,12 @@ def epoch_seconds(mission: Mission) -> float | None:
 def full_range(mission: Mission) -> float | None:
     """Range on a full battery [m], None where no energy is given."""
     return None if mission.energy is None else flight_range(mission.energy, 1.0)
+
+
+def grid_text(grid: Grid) -> str:
+    """Return the size of a grid, and how it is turned, for people."""
+    text = f'{grid.rows} x {grid.cols} cells of {grid.cell_size:g} m'
+    return f'{text}, their columns leading to {grid.bearing:g} deg' if grid.bearing else text
 
 
 def worth_a_minute(goal: GoalFacts, seconds: float | None) -> tuple[float, float] | None:

@@ -10,6 +10,7 @@ from uav_mission_manager.cli.check.facts import (
     epoch_seconds,
     full_range,
     goal_facts,
+    grid_text,
     task_text,
     worth_a_minute,
 )
@@ -89,7 +90,7 @@ def html_page(mission: Mission, findings: Sequence[Finding]) -> str:
 
 def _summary(mission: Mission) -> str:
     grid, seconds, had = mission.grid, epoch_seconds(mission), full_range(mission)
-    text = f'{grid.rows} x {grid.cols} cells of {grid.cell_size:g} m'
+    text = grid_text(grid)
     if seconds is not None and had is not None:
         text += f'; an epoch takes {seconds:.4g} s; range on a full battery {had:,.0f} m'
     if grid.origin is not None:

@@ -91,7 +91,7 @@ def flown_findings(policy: ExactPolicy) -> Iterator[Finding]:
     mission, rng = policy.mission, np.random.default_rng(0)
     states = flown_states(mission, policy.act, DRAWN_EPOCHS, rng)
     taken = np.array(global_actions(mission), dtype=object)[policy.act(states) - 1]
-    s = StateSpace(mission.k, mission.grid.q).split(states)
+    s = StateSpace.of(mission).split(states)
     goals = np.array([-1 if action.goal is None else action.goal for action in taken])
     for j, goal in enumerate(mission.goals):
         # On its cell: a commitment elsewhere may be a cheap way to wait for something else.

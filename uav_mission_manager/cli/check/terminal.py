@@ -15,6 +15,7 @@ from uav_mission_manager.cli.check.facts import (
     epoch_seconds,
     full_range,
     goal_facts,
+    grid_text,
     marks,
     task_text,
     worth_a_minute,
@@ -52,10 +53,8 @@ def new_console() -> Console:
 
 def print_mission(console: Console, mission: Mission) -> None:
     """Print the map, the goals and the length of an epoch."""
-    grid, seconds, had = mission.grid, epoch_seconds(mission), full_range(mission)
-    console.print(
-        f'mission {shown(mission.name)}: {grid.rows} x {grid.cols} cells of {grid.cell_size:g} m'
-    )
+    seconds, had = epoch_seconds(mission), full_range(mission)
+    console.print(f'mission {shown(mission.name)}: {grid_text(mission.grid)}')
     if seconds is not None and had is not None:
         console.print(
             f'an epoch takes {seconds:.4g} s; a full battery has a range of {had:,.0f} m'

@@ -24,7 +24,13 @@ def with_waypoints(places: Sequence[Place]) -> list[Place]:
 
 
 def fitting(
-    home: Place, service: Place, goals: Sequence[Place], size: float, *, larger: bool
+    home: Place,
+    service: Place,
+    goals: Sequence[Place],
+    size: float,
+    bearing: float,
+    *,
+    larger: bool,
 ) -> Grid | None:
     """Return a grid of cells of a size [m], or of the least larger one, that fits all tasks.
 
@@ -44,7 +50,7 @@ def fitting(
     for kept_free in ((home, service), ()):
         for width in sizes:
             for centred in (None, *widest):
-                grid = laid_out(home, places, service, width, centred)
+                grid = laid_out(home, places, service, width, bearing, centred)
                 if not any(misfit(grid, goal) for goal in rounds) and _apart(
                     grid, goals, kept_free
                 ):
@@ -65,7 +71,7 @@ def misfit(grid: Grid, goal: Place) -> str:
 
 def advice(home: Place, service: Place, goals: Sequence[Place], grid: Grid) -> str:
     """Say which cells are large enough for the tasks of all goals."""
-    larger = fitting(home, service, goals, grid.cell_size, larger=True)
+    larger = fitting(home, service, goals, grid.cell_size, grid.bearing, larger=True)
     if larger is not None:
         return f'--cell {larger.cell_size:g} is large enough'
     return 'cells that are large enough do not give every goal one of its own: --skip one'

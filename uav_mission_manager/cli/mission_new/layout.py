@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
 
+from shapely import MultiPoint, get_coordinates
+
 from uav_mission_manager.cli.mission_new.found import Place
 from uav_mission_manager.echo import shown
 from uav_mission_manager.geodesy import Origin
@@ -29,8 +31,22 @@ REFINEMENTS = 3
 """Times that the grid is laid, each in the plane of the origin before: planes lean a little."""
 
 
-def chosen_size(home: Place, goals: Sequence[Place], others: Sequence[Place]) -> tuple[float, str]:
-    """Return the width of a cell [m], and why it is so.
+def fitted_bearing(places: Sequence[Place]) -> float:
+    """Return the `Grid.bearing` of the smallest box around places, from -45 to 45 [deg]."""
+    plane = Origin(places[0].latitude, places[0].longitude, 0.0)
+    points = [plane.to_local(place.latitude, place.longitude) for place in places]
+    corners = get_coordinates(MultiPoint(points).minimum_rotated_rectangle)
+    if len(corners) < 2:
+        return 0.0
+    east, north = corners[1] - corners[0]
+    bearing = math.degrees(math.atan2(east, north))
+    return round((bearing + 45.0) % 90.0 - 45.0, 1)
+
+
+def chosen_size(
+    home: Place, goals: Sequence[Place], others: Sequence[Place], bearing: float
+) -> tuple[float, str]:
+    """Return the width of a cell [m] of a grid with a bearing [deg], and why it is so.
 
     It is the largest of one digit by which there are at least `CELLS_ALONG` cells along the longer
     side of the ground that the places take up, and each goal has a cell of its own.
@@ -41,10 +57,10 @@ def chosen_size(home: Place, goals: Sequence[Place], others: Sequence[Place]) ->
         If the grid of the size that separates two goals had too many cells.
     """
     plane = Origin(home.latitude, home.longitude, 0.0)
-    width, height = _extent(_points([home, *goals, *others], plane))
+    width, height = _extent(_points([home, *goals, *others], plane, bearing))
     size = _round_down(max(width, height) / CELLS_ALONG)
     why = f'at least {CELLS_ALONG} cells along the longer side'
-    for one, other, apart in _closest(goals, plane):
+    for one, other, apart in _closest(goals, plane, bearing):
         if apart < size:
             size = _round_down(apart)
             why = f'{shown(one.name)} and {shown(other.name)} are {apart:.0f} m apart'
@@ -62,6 +78,7 @@ def laid_out(
     places: Sequence[Place],
     service: Place,
     by: float | tuple[int, int],
+    bearing: float,
     centred: Place | None = None,
 ) -> Grid:
     """Return the grid of square cells around places, which has as much room on all sides.
@@ -76,6 +93,8 @@ def laid_out(
     by : float or (rows, cols)
         Width of a cell [m], then there are as few as can be; or how many, then they are as small
         as can be.
+    bearing : float
+        Of the grid [deg].
     centred : Place or None
         One of the places, to lie in the centre of its cell; the room is then as it comes.
 
@@ -86,17 +105,18 @@ def laid_out(
     """
     origin = Origin(home.latitude, home.longitude, home.altitude or 0.0)
     for _ in range(REFINEMENTS):
-        points = _points(places, origin)
+        points = _points(places, origin, bearing)
         size = _least_size(points, *by) if isinstance(by, tuple) else by
         if not SMALLEST <= size <= LARGEST:
             raise MissionError(f'cells of {size:g} m are not within {SMALLEST:g}..{LARGEST:g} m')
         given = by if isinstance(by, tuple) else (None, None)
-        east, north = _points([centred], origin)[0] if centred else (None, None)
-        south = None if north is None else -north
-        rows, first_south = _cells_along([-y for _, y in points], size, given[0], south)
-        cols, first_east = _cells_along([x for x, _ in points], size, given[1], east)
-        origin = Origin(*origin.to_geodetic(first_east, -first_south), origin.altitude)
-    grid = Grid(rows, cols, 0, 0, size, origin)
+        middle = _points([centred], origin, bearing)[0] if centred else (None, None)
+        right, down = zip(*points)
+        cols, first_right = _cells_along(right, size, given[1], middle[0])
+        rows, first_down = _cells_along(down, size, given[0], middle[1])
+        first = _axes(bearing).at(first_right, first_down)
+        origin = Origin(*origin.to_geodetic(*first), origin.altitude)
+    grid = Grid(rows, cols, 0, 0, size, origin, bearing=bearing)
     return replace(grid, base=cell_of(grid, home), service=cell_of(grid, service))
 
 
@@ -144,7 +164,7 @@ def require_separate_cells(grid: Grid, goals: Sequence[Place]) -> None:
         other = seen.setdefault(cell_of(grid, goal), goal)
         if other is not goal:
             assert grid.origin is not None
-            [(*_, apart)] = _closest(goals, grid.origin)
+            [(*_, apart)] = _closest(goals, grid.origin, grid.bearing)
             names = f'{shown(other.name)} and {shown(goal.name)}'
             raise MissionError(
                 f'{names} lie in one cell of {grid.cell_size:g} m: --cell {_round_down(apart):g} '
@@ -152,12 +172,14 @@ def require_separate_cells(grid: Grid, goals: Sequence[Place]) -> None:
             )
 
 
-def _closest(goals: Sequence[Place], plane: Origin) -> list[tuple[Place, Place, float]]:
-    """Return the two goals least apart, and how far [m] to the east or north; [] for one goal.
+def _closest(
+    goals: Sequence[Place], plane: Origin, bearing: float
+) -> list[tuple[Place, Place, float]]:
+    """Return the two goals least apart, and how far [m] along the rows or columns of the grid.
 
-    Cells of that width hold one of them only, wherever the grid begins.
+    Cells of that width hold one of them only, wherever the grid begins. [] for one goal.
     """
-    points = dict(zip((goal.name for goal in goals), _points(goals, plane)))
+    points = dict(zip((goal.name for goal in goals), _points(goals, plane, bearing)))
     pairs = [
         (one, other, max(map(abs, _difference(points[one.name], points[other.name]))))
         for one, other in combinations(goals, 2)
@@ -177,14 +199,21 @@ def _difference(one: tuple[float, float], other: tuple[float, float]) -> tuple[f
     return one[0] - other[0], one[1] - other[1]
 
 
-def _points(places: Sequence[Place], plane: Origin) -> list[tuple[float, float]]:
-    return [plane.to_local(place.latitude, place.longitude) for place in places]
+def _points(places: Sequence[Place], plane: Origin, bearing: float) -> list[tuple[float, float]]:
+    """Return where places are [m] along the rows and down the columns of a grid."""
+    axes = _axes(bearing)
+    return [axes.coordinates(*plane.to_local(at.latitude, at.longitude)) for at in places]
+
+
+def _axes(bearing: float) -> Grid:
+    """Return a grid with cells of one metre."""
+    return Grid(1, 1, 0, 0, 1.0, bearing=bearing)
 
 
 def _extent(points: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Return how far points [m] reach from west to east and from south to north [m]."""
-    east, north = zip(*points)
-    return max(east) - min(east), max(north) - min(north)
+    """Return how far points [m] reach along the rows and columns of a grid [m]."""
+    right, down = zip(*points)
+    return max(right) - min(right), max(down) - min(down)
 
 
 def _round_down(size: float) -> float:

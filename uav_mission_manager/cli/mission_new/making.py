@@ -22,10 +22,12 @@ from uav_mission_manager.cli.mission_new.json_value import read_json
 from uav_mission_manager.cli.mission_new.kml import read_kml
 from uav_mission_manager.cli.mission_new.layout import (
     chosen_size,
+    fitted_bearing,
     laid_out,
     require_separate_cells,
 )
 from uav_mission_manager.cli.mission_new.mission_text import mission_text
+from uav_mission_manager.cli.mission_new.options import FIT
 from uav_mission_manager.cli.mission_new.qgc_plan import read_plan
 from uav_mission_manager.cli.mission_new.report import print_report
 from uav_mission_manager.cli.mission_new.selection import Selection, select
@@ -112,22 +114,23 @@ def _grid(selection: Selection, options: argparse.Namespace) -> tuple[Grid, str]
     """Return the grid, and why its cells are of that size."""
     home, service, goals = selection.home, selection.service, selection.goals
     places = with_waypoints([home, service, *goals])
+    bearing = fitted_bearing(places) if options.turn == FIT else options.turn
     if options.rows or options.cols:
         if options.cell or not (options.rows and options.cols):
             raise MissionError('--rows and --cols go together, in place of --cell')
         why = 'the least by which so many rows and columns hold all places'
-        return laid_out(home, places, service, (options.rows, options.cols)), why
+        return laid_out(home, places, service, (options.rows, options.cols), bearing), why
     size, why = options.cell, '--cell'
     if not size:
-        size, why = chosen_size(home, goals, [service, *places[2 + len(goals) :]])
+        size, why = chosen_size(home, goals, [service, *places[2 + len(goals) :]], bearing)
     if any(goal.waypoints for goal in goals):
-        grid = fitting(home, service, goals, size, larger=not options.cell)
+        grid = fitting(home, service, goals, size, bearing, larger=not options.cell)
         if grid is not None and grid.cell_size > size:
             widest = max(goals, key=reach)
             why = f'{shown(widest.name)} reaches {reach(widest):.0f} m from its middle'
         if grid is not None:
             return grid, why
-    return laid_out(home, places, service, size), why
+    return laid_out(home, places, service, size, bearing), why
 
 
 def _without_misfits(

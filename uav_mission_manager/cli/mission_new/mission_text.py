@@ -143,6 +143,8 @@ def _grid_lines(grid: Grid, selection: Selection) -> Iterator[str]:
     yield f'  base: {grid.base}   # {_remark(selection.home.source)}'
     yield f'  service: {grid.service}   # {_remark(selection.service.source)}'
     yield f'  cell_size: {grid.cell_size!r}   # [m]'
+    if grid.bearing:
+        yield f'  bearing: {grid.bearing!r}   # [deg] clockwise from north: where columns lead to'
     yield f'  origin:   # centre of cell 0 [deg, deg, m above mean sea level{guess}]'
     yield f'    latitude: {origin.latitude:.{DECIMALS}f}'
     yield f'    longitude: {origin.longitude:.{DECIMALS}f}'

@@ -8,8 +8,11 @@ import math
 from uav_mission_manager.cli.errors import CommandParser
 from uav_mission_manager.cli.mission_new.found import ROLES, Place, point_of
 from uav_mission_manager.echo import quoted
-from uav_mission_manager.mdp.fields import Bad, name, number
+from uav_mission_manager.mdp.fields import Bad, name, number, within
 from uav_mission_manager.mdp.mission_table import MAX_CELLS
+
+FIT = 'fit'
+"""In place of a bearing: the one that is found by the places."""
 
 
 def options_parser() -> CommandParser:
@@ -78,6 +81,13 @@ def _add_grid(group: argparse._ArgumentGroup) -> None:
     group.add_argument('--rows', type=_count, metavar='N', help='with --cols, in place of --cell')
     group.add_argument('--cols', type=_count, metavar='N', help='with --rows')
     group.add_argument(
+        '--turn',
+        type=_bearing,
+        default=0.0,
+        metavar='DEG',
+        help=f'turn the grid clockwise [deg]; {FIT}: as the smallest box around all places lies',
+    )
+    group.add_argument(
         '--speed', type=_positive, metavar='V', help="of flight [m/s]; default: the plan's, or 5"
     )
     group.add_argument(
@@ -100,6 +110,13 @@ def _number(text: str) -> float:
         raise _refused(error) from None
     except ValueError:
         raise argparse.ArgumentTypeError(f'{quoted(text)} is not a number') from None
+
+
+def _bearing(text: str) -> float | str:
+    try:
+        return FIT if text == FIT else within(-360.0, 360.0)(_number(text))
+    except Bad as error:
+        raise _refused(error) from None
 
 
 def _positive(text: str) -> float:

@@ -8,6 +8,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from uav_mission_manager.cli.check.facts import grid_text
 from uav_mission_manager.cli.mission_new.found import Found
 from uav_mission_manager.cli.mission_new.selection import Selection
 from uav_mission_manager.cli.tasks import in_words
@@ -56,7 +57,7 @@ def print_report(
             table.add_row(f'and {len(found.left_out) - MOST_ROWS:,} more', '')
         console.print(table)
     for line in (
-        f'grid: {grid.rows} rows, {grid.cols} columns of {grid.cell_size:g} m: {why}',
+        f'grid: {grid_text(grid)}: {why}',
         f'{shown(out)}: written. Requests, faults, range, threats, costs and energy',
         'in it are guesses: replace them, as docs/mission_file.md says.',
     ):

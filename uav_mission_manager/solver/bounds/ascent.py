@@ -76,7 +76,7 @@ class Ascent:
 
     Attributes
     ----------
-    values, occupancies : list of float32 array (q, 6^n, 24)
+    values, occupancies : list of float32 array (q, 6^n, 8 T)
         In the end W is near its optimum under psi, see `settled`.
     mean : float
         Of all states, of the sum of the clusters' W under the even split.
@@ -223,7 +223,7 @@ def shared_goals(clusters: Sequence[Goals]) -> dict[Goals, list[int]]:
 
 
 def _marginals(q: RealArray, into: Terms, cell: int) -> None:
-    """Write the sums of a cell's table (A, 6, .., 6, 24) over all goals but some."""
+    """Write the sums of a cell's table (A, 6, .., 6, 8 T) over all goals but some."""
     found: dict[Slots, RealArray] = {tuple(range(q.ndim - 2)): q}
     for slots in sorted(into, key=len, reverse=True):
         larger = min((other for other in found if set(slots) <= set(other)), key=len)

@@ -1,10 +1,10 @@
 """A cluster of goals as an MDP of its own, computed cell by cell.
 
 A cluster is a sub-MDP with all 2k+4 actions and a share of the costs. Its W (see
-`uav_mission_manager.solver.reduced`) is a table over (q, 6^n, 24) for n goals: cell, x of the
-goals, x_j = 2 g_j + r_j, and (t, f). Actions with the same arrival share one expectation of
-(6^n, 24) entries, and all that is done with the Q of a cell, (A, 6^n, 24), is done while it is in
-the cache.
+`uav_mission_manager.solver.reduced`) is a table over (q, 6^n, 8 T) for n goals and T threat
+levels: cell, x of the goals, x_j = 2 g_j + r_j, and (t, f). Actions with the same arrival share
+one expectation of (6^n, 8 T) entries, and all that is done with the Q of a cell, (A, 6^n, 8 T),
+is done while it is in the cache.
 
 What an action costs is a sum of terms, each of which depends on few of the goals: h, the price of
 the threat and what f forbids on none, what a commitment saves on its own goal.
@@ -23,11 +23,9 @@ from uav_mission_manager.solver.reduced import X_VALUES, ReducedMission
 from uav_mission_manager.solver.span_bounds import SpanBounds
 from uav_mission_manager.solver.submdp import SubMdp
 
-THREATS_AND_FAULTS = 24
-"""Values of (t, f)."""
-
-ROUNDINGS_A_BACKUP = 64
-"""Errors of one ulp of the largest number in a backup, at most, besides 6^n for the x_j."""
+ROUNDINGS_A_BACKUP = 40
+"""Errors of one ulp of the largest number in a backup, at most, besides 8 T for t and f and 6^n
+for the x_j."""
 
 NO_SLOT = -1
 
@@ -35,7 +33,7 @@ Slots = tuple[int, ...]
 """Positions of some goals among those of a cluster, ascending."""
 
 Terms = dict[Slots, RealArray]
-"""Costs of actions that add up, (q, A, 6 or 1, .., 6 or 1, 24): 6 for the goals they depend on."""
+"""Costs of actions that add up, (q, A, 6 or 1, .., 6 or 1, 8 T): 6 for goals they depend on."""
 
 
 class Arrival(NamedTuple):
@@ -59,10 +57,10 @@ class ClusterMdp:
     Attributes
     ----------
     shape : tuple of int
-        Of a table over the cluster's states, (q, 6^n, 24).
+        Of a table over the cluster's states, (q, 6^n, 8 T).
     axes : tuple of int
-        Of a table over actions and the states of a cell, (A, 6, .., 6, 24).
-    state_costs : float array (6^n, 24)
+        Of a table over actions and the states of a cell, (A, 6, .., 6, 8 T).
+    state_costs : float array (6^n, 8 T)
         What f and x cost, whatever is done.
     terms : Terms
         What actions cost besides; inf where what the cluster sees does not allow them. Those of
@@ -77,12 +75,12 @@ class ClusterMdp:
     def __init__(self, sub: SubMdp, dtype: DTypeLike, unit: float = 1.0) -> None:
         self.sub, self.dtype, self.n = sub, np.dtype(dtype), sub.n
         self.reduced = reduced = ReducedMission(sub)
-        self.shape = (reduced.q, X_VALUES**self.n, THREATS_AND_FAULTS)
-        self.axes = (len(sub.numbers), *(X_VALUES,) * self.n, THREATS_AND_FAULTS)
+        self.shape = (reduced.q, X_VALUES**self.n, 8 * sub.threats)
+        self.axes = (len(sub.numbers), *(X_VALUES,) * self.n, self.shape[2])
         self.own = [np.flatnonzero(reduced.slots == slot) for slot in range(self.n)]
         x = np.indices((X_VALUES,) * self.n).reshape(self.n, -1).T
         goals = reduced.goal_costs[np.arange(self.n), x].sum(axis=1)
-        costs = goals[:, None] + np.tile(reduced.fault_costs, 3)
+        costs = goals[:, None] + np.tile(reduced.fault_costs, sub.threats)
         self.state_costs = self._array(costs / unit)
         self.terms = {slots: self._array(term / unit) for slots, term in self._terms(x).items()}
         found = self._arrivals()
@@ -94,7 +92,7 @@ class ClusterMdp:
         # The matrices of x, the largest by far, depend on the regime and the slot alone.
         matrices = self._matrices()
         self._goals = [matrices[to.regime, to.slot] for to in self.arrivals]
-        self._completion = self._array(np.tile(reduced.completion, 3))
+        self._completion = self._array(np.tile(reduced.completion, sub.threats))
         # Rows of transition matrices may sum to slightly more or less than 1.
         self.defect = float(np.abs(reduced.goals.sum(axis=-1) - 1).max(axis=(0, 2)).sum())
 
@@ -118,12 +116,12 @@ class ClusterMdp:
     def _costs(self, x: IntArray, slots: Slots) -> FloatArray:
         """`ReducedMission.action_costs` of some x, as a term."""
         costs = self.reduced.action_costs(np.arange(self.reduced.q), x).transpose(1, 0, 3, 2)
-        return np.tile(costs, 3).reshape(self.term_shape(slots))
+        return np.tile(costs, self.sub.threats).reshape(self.term_shape(slots))
 
     def term_shape(self, slots: Slots) -> tuple[int, ...]:
         """Shape of a term that depends on some goals."""
         axes = (X_VALUES if slot in slots else 1 for slot in range(self.n))
-        return (self.shape[0], self.axes[0], *axes, THREATS_AND_FAULTS)
+        return (self.shape[0], self.axes[0], *axes, self.shape[2])
 
     def _arrivals(self) -> list[list[Arrival]]:
         """The arrival of each action from each cell."""
@@ -140,7 +138,7 @@ class ClusterMdp:
         return numbers, self._array((np.arange(len(numbers))[:, None] == positions) * 1.0)
 
     def _threats_and_faults(self, arrival: Arrival) -> RealArray:
-        """Discounted P(t', f' | t, f), (24, 24)."""
+        """Discounted P(t', f' | t, f), (8 T, 8 T)."""
         threat, faults = self.reduced.threat[arrival.cell], self.reduced.faults[arrival.regime]
         return self._array(self.sub.mission.discount * np.kron(threat, faults))
 
@@ -156,7 +154,7 @@ class ClusterMdp:
         return found
 
     def ahead(self, values: RealArray) -> RealArray:
-        """Discounted E[W'] of each arrival, (arrivals, 6^n, 24), of W over (q, 6^n, 24)."""
+        """Discounted E[W'] of each arrival, (arrivals, 6^n, 8 T), of W over (q, 6^n, 8 T)."""
         ahead = np.empty((len(self.arrivals), *self.shape[1:]), self.dtype)
         for number, arrival in enumerate(self.arrivals):
             later = values[arrival.cell] @ self._exogenous[number].T
@@ -185,7 +183,7 @@ class ClusterMdp:
         return list(left.values())
 
     def q_values(self, cell: int, ahead: RealArray, costs: Sequence[RealArray]) -> RealArray:
-        """Discounted E[W'] of the actions in a cell plus what they cost, (A, 6, .., 24)."""
+        """Discounted E[W'] of the actions in a cell plus what they cost, (A, 6, .., 8 T)."""
         q = ahead.take(self.leads[cell], axis=0).reshape(self.axes)
         for cost in costs:
             q += cost[cell]
@@ -202,7 +200,7 @@ class ClusterMdp:
         return backup, SpanBounds(float(change.min()), float(change.max()), discount)
 
     def leave(self, cell: int, mass: RealArray, arrived: RealArray) -> None:
-        """Add the mass (A, 6, .., 24) on a cell's actions to their arrivals, shape as of `ahead`.
+        """Add the mass (A, 6, .., 8 T) on a cell's actions to their arrivals, shape as of `ahead`.
 
         With `settle` the adjoint of the expectation.
         """
@@ -210,7 +208,7 @@ class ClusterMdp:
         arrived[numbers] += (merge @ mass.reshape(len(mass), -1)).reshape(-1, *self.shape[1:])
 
     def settle(self, arrived: RealArray) -> RealArray:
-        """Discounted mass of the next states, (q, 6^n, 24), of mass on arrivals."""
+        """Discounted mass of the next states, (q, 6^n, 8 T), of mass on arrivals."""
         mass = np.zeros(self.shape, self.dtype)
         for number, arrival in enumerate(self.arrivals):
             goals, *completed = self._goals[number]
@@ -237,7 +235,7 @@ def swept_values(
 def proven_values(
     mdp: ClusterMdp, costs: Sequence[RealArray], values: RealArray, tolerance: float
 ) -> RealArray:
-    """Lower bound on a cluster's W, (q, 6^n, 24), by value iteration, rounding included.
+    """Lower bound on a cluster's W, (q, 6^n, 8 T), by value iteration, rounding included.
 
     Parameters
     ----------
@@ -245,14 +243,14 @@ def proven_values(
         In double precision.
     costs : sequence of float array
         See `ClusterMdp.costs`.
-    values : float array (q, 6^n, 24)
+    values : float array (q, 6^n, 8 T)
         Where to start.
     tolerance : float
         Largest distance from the upper bound, but for rounding.
     """
     values, bounds = swept_values(mdp, costs, values, tolerance)
     largest = sum(_largest(table) for table in (mdp.state_costs, values, *costs))
-    rounding = (ROUNDINGS_A_BACKUP + mdp.shape[1]) * np.finfo(np.float64).eps + mdp.defect
+    rounding = (ROUNDINGS_A_BACKUP + sum(mdp.shape[1:])) * np.finfo(np.float64).eps + mdp.defect
     return values + (bounds.lowest - bounds.accumulated(rounding * largest))
 
 

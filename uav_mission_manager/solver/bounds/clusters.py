@@ -12,7 +12,6 @@ from uav_mission_manager.mdp.arrays import FloatArray
 from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.solver import memory
 from uav_mission_manager.solver.bounds.ascent import Goals, shared_goals
-from uav_mission_manager.solver.bounds.cluster_mdp import THREATS_AND_FAULTS
 from uav_mission_manager.solver.decomposition.measures import Measures
 from uav_mission_manager.solver.reduced import X_VALUES, goal_order
 from uav_mission_manager.solver.submdp import state_count
@@ -44,7 +43,7 @@ def default_steps(mission: Mission, clusters: Sequence[Goals]) -> int:
 
 def _entries(mission: Mission, n: int) -> int:
     """Entries of the Q of a cluster of n goals."""
-    return mission.grid.q * (2 * mission.k + 4) * THREATS_AND_FAULTS * X_VALUES**n
+    return _levels(mission) * (2 * mission.k + 4) * X_VALUES**n
 
 
 def covering(mission: Mission, max_states: int) -> list[Goals]:
@@ -61,7 +60,8 @@ def covering(mission: Mission, max_states: int) -> list[Goals]:
         If the sub-MDP of one goal has more than T_max states.
     """
     k, q, order = mission.k, mission.grid.q, goal_order(mission)
-    if state_count(1, q, 8) > max_states:
+    threats = len(mission.threat.levels)
+    if state_count(1, q, 8, threats) > max_states:
         raise ValueError(f'no goal has a sub-MDP of at most T_max = {max_states:,} states')
     coupling = Measures(mission).coupling[np.ix_(order, order)]
     for n in range(min(LARGEST_CLUSTER, k), 0, -1):
@@ -69,7 +69,7 @@ def covering(mission: Mission, max_states: int) -> list[Goals]:
         count = min(int(WORK_ENTRIES / work), math.comb(k, n))
         if n == 1:
             return [(j,) for j in range(k)]
-        if state_count(n, q, 8) <= max_states and count >= min(k, math.comb(k, n)):
+        if state_count(n, q, 8, threats) <= max_states and count >= min(k, math.comb(k, n)):
             break
     chosen = _spread(coupling, n, count)
     return [tuple(sorted(order[j] for j in cluster)) for cluster in chosen]
@@ -94,12 +94,17 @@ def _spread(coupling: FloatArray, n: int, count: int) -> list[Goals]:
     return chosen
 
 
+def _levels(mission: Mission) -> int:
+    """Values of (l, t, f)."""
+    return mission.grid.q * len(mission.threat.levels) * 8
+
+
 def bound_bytes(mission: Mission, clusters: Sequence[Goals]) -> int:
     """Estimate the memory that a lower bound from these clusters needs, in bytes."""
-    q, actions = mission.grid.q, 2 * mission.k + 4
+    levels, actions = _levels(mission), 2 * mission.k + 4
     shared = shared_goals(clusters)
-    size = {goals: q * actions * THREATS_AND_FAULTS * X_VALUES ** len(goals) for goals in shared}
-    tables = [q * THREATS_AND_FAULTS * X_VALUES ** len(goals) for goals in clusters]
+    size = {goals: levels * actions * X_VALUES ** len(goals) for goals in shared}
+    tables = [levels * X_VALUES ** len(goals) for goals in clusters]
     moves = sum(11 * X_VALUES ** (2 * len(goals)) for goals in clusters)
     psi = sum(size[goals] * (len(holders) + 1) for goals, holders in shared.items())
     largest = sum(sorted(size.values())[-7:]) or max(tables) * actions

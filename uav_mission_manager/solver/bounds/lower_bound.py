@@ -52,7 +52,7 @@ class LowerBound:
     mission : Mission
     clusters : int array (C, n)
         Goals of each cluster, from 0, ascending.
-    tables : float32 or float64 array (C, q, 3, 8, 6, .., 6)
+    tables : float32 or float64 array (C, q, T, 8, 6, .., 6)
         Lower bounds on each cluster's W over l, t, f and its x_j = 2 g_j + r_j, so
         V*(s) >= p(t, m) - [c > 0] eta_c g_c r_c + sum of the clusters' W.
     """
@@ -174,7 +174,7 @@ def _power_of_two(value: float) -> float:
 
 
 def _proven(ascent: Ascent, cluster: int, psi: Terms, tolerance: float) -> RealArray:
-    """Lower bound on a cluster's W under psi, (q, 6^n, 24)."""
+    """Lower bound on a cluster's W under psi, (q, 6^n, 8 T)."""
     mdp = ClusterMdp(ascent.mdps[cluster].sub, np.float64)
     allowed = tolerance * ascent.unit * ascent.mean / len(ascent.mdps)
     return proven_values(mdp, mdp.costs(psi), ascent.settled(cluster, allowed), allowed)
@@ -186,14 +186,14 @@ def _mean(tables: Sequence[RealArray]) -> float:
 
 
 def _rounded_down(mission: Mission, members: IndexArray, tables: FloatArray) -> LowerBound:
-    """The bound from W (C, q, 6^n, 24), in single precision where that costs little."""
-    tables = tables.reshape(*tables.shape[:3], 3, 8).transpose(0, 1, 3, 4, 2)
+    """The bound from W (C, q, 6^n, 8 T), in single precision where that costs little."""
+    tables = tables.reshape(*tables.shape[:3], -1, 8).transpose(0, 1, 3, 4, 2)
     axes = (*tables.shape[:4], *(X_VALUES,) * members.shape[1])
     with np.errstate(over='ignore'):
         rounded = tables.astype(np.float32)
         rounded = np.where(rounded > tables, np.nextafter(rounded, np.float32(-np.inf)), rounded)
     double = LowerBound(mission, members, np.ascontiguousarray(tables).reshape(axes))
     single = LowerBound(mission, members, np.ascontiguousarray(rounded).reshape(axes))
-    states = StateSpace(mission.k, mission.grid.q).draw(LOSS_STATES, np.random.default_rng(0))
+    states = StateSpace.of(mission).draw(LOSS_STATES, np.random.default_rng(0))
     above, below = double.values(states), single.values(states)
     return single if (above - below <= SINGLE_LOSS * above).all() else double

@@ -99,6 +99,7 @@ class _Candidates:
         self, mission: Mission, max_states: int, weights: Sequence[float], merge_score: float
     ) -> None:
         self.mission, self.max_states = mission, max_states
+        self.threats = len(mission.threat.levels)
         self.weights, self.merge_score = weights, merge_score
         self.measures = Measures(mission)
         self.goals, self.cells = tuple(range(mission.k)), tuple(range(mission.grid.q))
@@ -141,7 +142,7 @@ class _Candidates:
 
     def _room(self, modes: int) -> int:
         """Cells of the largest block with so many fault modes."""
-        return self.max_states // state_count(len(self.goals), 1, modes)
+        return self.max_states // state_count(len(self.goals), 1, modes, self.threats)
 
     def _count(self, modes: int) -> float:
         """Number of blocks with so many fault modes."""
@@ -177,7 +178,7 @@ class _Candidates:
             round(measure, RANKING_DECIMALS) for measure in measured
         )
         judged = zip(self.weights, (impact, coherence, sensitivity))
-        states = state_count(len(goals), len(cells), len(faults))
+        states = state_count(len(goals), len(cells), len(faults), self.threats)
         return Part(
             kind=kind,
             goals=goals,
@@ -228,7 +229,8 @@ def _check(
 
 def _largest_cluster(mission: Mission, max_states: int) -> int:
     """Goals of the largest cluster that fits, 0 if none does."""
-    fits = (state_count(n, mission.grid.q, 8) <= max_states for n in range(1, mission.k + 1))
+    q, threats = mission.grid.q, len(mission.threat.levels)
+    fits = (state_count(n, q, 8, threats) <= max_states for n in range(1, mission.k + 1))
     return sum(fits)
 
 

@@ -141,7 +141,7 @@ class Plan:
         StateError
             If a state is none of the mission's.
         """
-        space = StateSpace(self.mission.k, self.mission.grid.q)
+        space = StateSpace.of(self.mission)
         s = space.split(space.check(states))
         wanted = s.g > 0
         wanted |= ~wanted.any(axis=1, keepdims=True)

@@ -70,7 +70,7 @@ class FlightLog:
     """Watches a simulation epoch by epoch, see `Flights`."""
 
     def __init__(self, mission: Mission, start: IntArray, epochs: int) -> None:
-        self._space, self._left, self._epoch = StateSpace(mission.k, mission.grid.q), epochs, 0
+        self._space, self._left, self._epoch = StateSpace.of(mission), epochs, 0
         self._regimes, self._rows = dynamics.regimes(mission), np.arange(len(start))
         self.done = np.zeros((len(start), mission.k), np.int64)
         self.withdrawn = np.zeros(self.done.shape, bool)
@@ -129,7 +129,7 @@ def fly(
     StateError, ValueError
         If a start state is out of range, or an action is not allowed where it is chosen.
     """
-    states = StateSpace(mission.k, mission.grid.q).check(start)
+    states = StateSpace.of(mission).check(start)
     horizon = max(epochs, min(cost_horizon(mission, NEGLIGIBLE_DISCOUNT), MOST_EPOCHS))
     log, passed = FlightLog(mission, states, epochs), 0
 

@@ -24,7 +24,7 @@ def starts_at_base(mission: Mission, count: int, rng: np.random.Generator) -> In
     At base, nominal, every goal in range, no commitment, no threat, normal mode; priorities are
     drawn evenly.
     """
-    space = StateSpace(mission.k, mission.grid.q)
+    space = StateSpace.of(mission)
     states = np.zeros((count, len(space.shape)), np.int64)
     s = space.split(states)
     s.f[:], s.r[:], s.l[:] = 1, 1, mission.grid.base

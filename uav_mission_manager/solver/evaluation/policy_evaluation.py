@@ -35,7 +35,7 @@ class Evaluation:
     Attributes
     ----------
     model : AxisModel
-    value : float array (q, 3 * 3^n, 8 * 2^n)
+    value : float array (q, T * 3^n, 8 * 2^n)
         W^pi.
     lower, upper : float
         Guaranteed offsets: V + lower <= V^pi <= V + upper in every state, rounding included.
@@ -61,9 +61,9 @@ def representatives(sub: SubMdp, entries: ArrayLike | None = None) -> IntArray:
     """
     n, q = sub.n, sub.mission.grid.q
     chosen = np.arange(sub.entries) if entries is None else np.asarray(entries)
-    digits = np.unravel_index(chosen, (q, 3, *(3,) * n, 8, *(2,) * n))
+    digits = np.unravel_index(chosen, (q, sub.threats, *(3,) * n, 8, *(2,) * n))
     cell, t, g, f, r = digits[0], digits[1], digits[2 : 2 + n], digits[2 + n], digits[3 + n :]
-    space = StateSpace(sub.mission.k, q)
+    space = StateSpace.of(sub.mission)
     states = np.zeros((len(chosen), len(space.shape)), np.int64)
     s = space.split(states)
     for j, flags, levels in zip(sub.goals, r, g):
@@ -82,7 +82,7 @@ def tabulate(sub: SubMdp, act: Callable[[IntArray], IntArray]) -> ActionTable:
     for first in range(0, sub.entries, MAX_ASKED_STATES):
         chunk = np.arange(first, min(first + MAX_ASKED_STATES, sub.entries))
         numbers[chunk] = act(representatives(sub, chunk))
-    return numbers.reshape(-1, 3 * 3**sub.n, 8 * 2**sub.n)
+    return numbers.reshape(sub.shape)
 
 
 def evaluate(
@@ -96,7 +96,7 @@ def evaluate(
     Parameters
     ----------
     sub : SubMdp
-    actions : int array (q, 3 * 3^n, 8 * 2^n)
+    actions : int array (q, T * 3^n, 8 * 2^n)
         Its global action numbers, such as `tabulate` finds.
     tolerance : float
         Largest distance of V from V^pi, in cost, but for rounding.
@@ -136,9 +136,8 @@ def evaluate(
 
 
 def _checked(sub: SubMdp, actions: NDArray[np.integer]) -> ActionTable:
-    shape = sub.mission.grid.q, 3 * 3**sub.n, 8 * 2**sub.n
-    if np.shape(actions) != shape:
-        raise ValueError(f'actions have shape {np.shape(actions)}, not {shape}')
+    if np.shape(actions) != sub.shape:
+        raise ValueError(f'actions have shape {np.shape(actions)}, not {sub.shape}')
     return np.clip(actions, 0, 255).astype(np.uint8)  # Not 257 for 1.
 
 

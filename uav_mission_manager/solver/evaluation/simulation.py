@@ -102,7 +102,7 @@ class Simulator:
     """
 
     def __init__(self, mission: Mission) -> None:
-        self.mission, self.space = mission, StateSpace(mission.k, mission.grid.q)
+        self.mission, self.space = mission, StateSpace.of(mission)
         self.costs = StageCost(mission)
         actions = global_actions(mission)
         self._goal = np.array([-1 if a.goal is None else a.goal for a in actions])

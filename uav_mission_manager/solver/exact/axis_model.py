@@ -1,8 +1,8 @@
 """The reduced mission as arrays along the axes of W, for backups of the whole of it.
 
 W (see `uav_mission_manager.solver.reduced`) has the axes (cell, (t, g), (f, r)) and the shape
-(q, 3 * 3^n, 8 * 2^n). An expectation is one small matrix an axis; a transition matrix over states
-never exists. Where an action leads is one of 2q + 3 + 2n *arrivals*:
+(q, T * 3^n, 8 * 2^n) for T threat levels. An expectation is one small matrix an axis; a transition
+matrix over states never exists. Where an action leads is one of 2q + 3 + 2n *arrivals*:
 
 - in cell l' after normal flight, then in l' after agile flight;
 - on the ground: parked on base, recharged or repaired on the service cell;
@@ -29,9 +29,9 @@ from uav_mission_manager.mdp.dynamics import (
 from uav_mission_manager.solver.reduced import ReducedMission
 from uav_mission_manager.solver.submdp import SubMdp
 
-ROUNDINGS_A_GOAL, OTHER_ROUNDINGS = 12, 44
-"""Errors of half an ulp of the largest entry in one backup, at most: 5 for t, 4 for each g_j, 8
-for each r_j, each part that fails and completion, 7 for costs, change and shift."""
+ROUNDINGS_A_GOAL, ROUNDINGS_A_THREAT, OTHER_ROUNDINGS = 12, 2, 38
+"""Errors of half an ulp of the largest entry in one backup, at most: 2 T - 1 for t, 4 for each
+g_j, 8 for each r_j, each part that fails and completion, 7 for costs, change and shift."""
 
 
 @dataclass(frozen=True)
@@ -64,11 +64,13 @@ class AxisModel:
 
     Attributes
     ----------
+    shape : tuple of int
+        Of W: (cells q, rows (t, g), columns (f, r)).
     goal_cells : tuple of int
         Cell of each goal tracked.
-    threat : float array (q, 3, 3)
+    threat : float array (q, T, T)
         discount P(t' | t) on arrival.
-    price : float array (2, q, 3)
+    price : float array (2, q, T)
         discount E[p(t', m) | t] on arrival.
     priorities : list of float array (1, 3, 3)
         P(g_j' | g_j).
@@ -85,10 +87,10 @@ class AxisModel:
     """
 
     def __init__(self, sub: SubMdp, dtype: DTypeLike = np.float64) -> None:
-        mission, n = sub.mission, sub.n
+        mission = sub.mission
         self.sub, self.dtype = sub, np.dtype(dtype)
         self.reduced = reduced = ReducedMission(sub)
-        self.q, self.rows, self.columns = mission.grid.q, 3 * 3**n, 8 * 2**n
+        self.shape = self.q, self.rows, self.columns = sub.shape
         self.goal_cells = tuple(mission.goals[j].cell for j in sub.goals)
         self.threat = self._array(mission.discount * reduced.threat)
         self.price = self._array(reduced.price)
@@ -102,11 +104,6 @@ class AxisModel:
         self.choices = self._choices()
 
     @property
-    def shape(self) -> tuple[int, int, int]:
-        """Shape of W: (cells, rows (t, g), columns (f, r))."""
-        return self.q, self.rows, self.columns
-
-    @property
     def arrivals(self) -> int:
         """Number of arrivals."""
         return 2 * self.q + len(ON_GROUND) + 2 * self.sub.n
@@ -118,7 +115,8 @@ class AxisModel:
     def rounding(self, values: RealArray) -> float:
         """Bound on what rounding adds to one backup of W."""
         largest = max(-float(values.min()), float(values.max())) + self._largest_costs
-        roundings = ROUNDINGS_A_GOAL * self.sub.n + OTHER_ROUNDINGS
+        of_axes = ROUNDINGS_A_GOAL * self.sub.n + ROUNDINGS_A_THREAT * self.sub.threats
+        roundings = of_axes + OTHER_ROUNDINGS
         return 1.01 * roundings * float(np.finfo(self.dtype).eps) / 2 * largest
 
     @cached_property

@@ -112,7 +112,7 @@ class _Block:
         base_cost = self.model.base_cost[:, self.columns]
         low, high = math.inf, -math.inf
         for cell, values in zip(self.cells, least):
-            values.reshape(3, *base_cost.shape)[...] += base_cost
+            values.reshape(-1, *base_cost.shape)[...] += base_cost
             change = values - self.table[cell][:, self.columns]
             low, high = min(low, float(change.min())), max(high, float(change.max()))
             into[cell][:, self.columns] = values
@@ -177,7 +177,7 @@ class _Block:
             tables.update(self._ground(cell))
         for regime, table in tables.items():
             price = model.price[int(regime == Regime.AGILE_FLIGHT), cell]
-            table.reshape(3, -1)[...] += price[:, None]
+            table.reshape(len(price), -1)[...] += price[:, None]
         return {int(regime): table for regime, table in tables.items()}
 
     def _ground(self, cell: int) -> dict[Regime, RealArray]:
@@ -193,7 +193,7 @@ class _Block:
         """Discounted E over t' and g' of W in a cell in some modes, (rows, modes, 2^n)."""
         model, columns = self.model, self._columns(modes)
         values = self.table[cell][:, columns]
-        values = _expect(values.reshape(1, 3, -1), model.threat[cell][None])
+        values = _expect(values.reshape(1, model.sub.threats, -1), model.threat[cell][None])
         for slot, matrix in enumerate(model.priorities):
             values = values.reshape(-1, 3, self._after(slot) * len(columns))
             values = values[:, 0].copy() if slot == completed else _expect(values, matrix)

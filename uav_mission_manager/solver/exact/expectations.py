@@ -24,9 +24,9 @@ class ExogenousTables:
 
     Attributes
     ----------
-    open : float array (q, 3 * 3^n, 8 * 2^n)
+    open : float array (q, T * 3^n, 8 * 2^n)
         Where no goal is completed.
-    completed : list of float array (3^n, 8 * 2^n)
+    completed : list of float array (T * 3^(n-1), 8 * 2^n)
         For each goal tracked that on its cell where it is completed, g_j' = 0, over the present t
         and the other goals' g.
     """
@@ -55,7 +55,7 @@ class ExogenousExpectation:
         """Steps that fill `expected` for some cells and columns, from the given ones on."""
         model, n, count = self.model, self.model.sub.n, min(self.cells, self.model.q - cell)
         cells, columns = slice(cell, cell + count), slice(column, column + self.columns)
-        source = values[cells, :, columns].reshape(count, 3, -1, self.columns)
+        source = values[cells, :, columns].reshape(count, model.sub.threats, -1, self.columns)
         x, y, scratch = (part[: source.size].reshape(source.shape) for part in self.scratch)
         steps = mix(source, model.threat[cells], x, scratch)
         completed: dict[int, RealArray] = {}
@@ -103,7 +103,7 @@ class ArrivalExpectation:
         self.flight = np.empty((2, columns, ends[-1]), dtype)
         self.open = self.flight[:, :, : q * rows].reshape(2, columns, q, rows)
         self.completed = [self.flight[:, :, i:j] for i, j in pairwise(ends)]
-        self.price = np.repeat(model.price, model.rows // 3, axis=2)[..., None]
+        self.price = np.repeat(model.price, model.rows // model.sub.threats, axis=2)[..., None]
         self.table = np.empty((model.arrivals, rows, columns), dtype)
         self.flight_steps = self._flight()
         self.completion_steps = [self._completion(slot) for slot in range(n)]
@@ -138,7 +138,8 @@ class ArrivalExpectation:
         """Price in a goal's cell over the rows of its completed part."""
         model, height = self.model, self.completed[slot].shape[2]
         start = self._row_without(slot, first)
-        price = np.repeat(model.price[:, model.goal_cells[slot]], model.rows // 9, axis=1)
+        rows = model.rows // (3 * model.sub.threats)
+        price = np.repeat(model.price[:, model.goal_cells[slot]], rows, axis=1)
         return price[:, start : start + height, None]
 
     def _row_without(self, slot: int, row: int) -> int:

@@ -89,7 +89,7 @@ class _Successors:
         n, self.width = model.sub.n, model.columns // 8
         self.model, self.values, self.column = model, values, column
         self.fault, flags = divmod(column, self.width)
-        self.threat, levels = divmod(row, model.rows // 3)
+        self.threat, levels = divmod(row, model.rows // model.sub.threats)
         self.priorities = [
             matrix[0, levels // 3**digit % 3]
             for matrix, digit in zip(model.priorities, range(n)[::-1])

@@ -15,10 +15,11 @@ SCRATCH_TABLES = 10
 
 def needed_bytes(sub: SubMdp, dtype: DTypeLike, threads: int) -> int:
     """Memory that value iteration needs: W, its expectation, b, the costs and scratch."""
-    rows, columns, q = 3 * 3**sub.n, 8 * 2**sub.n, sub.mission.grid.q
+    q, rows, columns = sub.shape
     costs = 3 * (len(sub.numbers) + 1) * q * columns
     block = max(2 * MAX_BLOCK_ENTRIES, q * columns)
-    entries = 2 * sub.entries + sub.n * rows // 3 * columns + rows // 3 * columns + costs
+    base_costs = rows // sub.threats * columns
+    entries = 2 * sub.entries + sub.n * rows // 3 * columns + base_costs + costs
     return int((entries + threads * SCRATCH_TABLES * block) * np.dtype(dtype).itemsize)
 
 

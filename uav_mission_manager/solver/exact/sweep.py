@@ -131,7 +131,7 @@ class RowBackup:
         """Rows of b, to add to (cells, rows, columns)."""
         cost = self.model.base_cost
         if self.rows > len(cost):
-            return np.concatenate([cost] * 3)
+            return np.concatenate([cost] * self.model.sub.threats)
         start = first % len(cost)
         return cost[start : start + self.rows]
 
@@ -248,5 +248,5 @@ def block_shape(model: AxisModel) -> tuple[int, int, int]:
     while rows * width > MAX_BLOCK_ENTRIES and width > 16:
         width //= 2
     while height > 1 and cells * height * columns > MAX_BLOCK_ENTRIES:
-        height //= 3
+        height //= model.sub.threats if height == rows else 3
     return max(1, min(cells, MAX_BLOCK_ENTRIES // (rows * width))), width, height

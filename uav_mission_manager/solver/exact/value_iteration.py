@@ -46,7 +46,7 @@ class Solution:
     Attributes
     ----------
     sub : SubMdp
-    value : float array (q + n, 3 * 3^n, 8 * 2^n)
+    value : float array (q, T * 3^n, 8 * 2^n)
         W over place, (t, g), (f, r): see `uav_mission_manager.solver.reduced`.
     lower, upper : float
         Guaranteed offsets: V + lower <= V* <= V + upper in every state, rounding included.

@@ -178,7 +178,8 @@ class Clusters:
 
 def cluster_states(mission: Mission, n: int, values: int | None = None) -> int:
     """States of a sub-MDP of n goals whose x_j together take so many values, 6^n in full."""
-    return 8 * (X_VALUES**n if values is None else values) * mission.grid.q * (n + 1) * 6
+    shared = 8 * mission.grid.q * (n + 1) * len(mission.threat.levels) * 2
+    return shared * (X_VALUES**n if values is None else values)
 
 
 def _features(n: int, detail: int) -> int:

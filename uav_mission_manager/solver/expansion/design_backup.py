@@ -30,7 +30,7 @@ RegimeAndCell = tuple[int, int]
 """Regime and cell."""
 
 Coefficients = dict[int, RealArray]
-"""Coefficients of the discounted expectation over t' and f', (q, 3, 8, P), of each regime."""
+"""Coefficients of the discounted expectation over t' and f', (q, T, 8, P), of each regime."""
 
 
 class DesignBackup:
@@ -59,9 +59,8 @@ class DesignBackup:
         self._blocks = [block for _, block in sorted(blocks, key=itemgetter(0))]
 
     def __call__(self, theta: RealArray) -> RealArray:
-        """Return T W, shape (q, 3, 8, M), of theta over cell, t, f and feature."""
-        q = len(theta)
-        later = (self._threat @ theta.reshape(q, 3, -1)).reshape(theta.shape)
+        """Return T W, shape (q, T, 8, M), of theta over cell, t, f and feature."""
+        later = (self._threat @ theta.reshape(*theta.shape[:2], -1)).reshape(theta.shape)
         coefficients = {int(regime): self._faults[regime] @ later for regime in Regime}
         out = np.empty((*theta.shape[:3], self.points), self.dtype)
 
@@ -124,7 +123,7 @@ class _Block:
         self.costs = (reduced.fault_costs[:, None] + goals).astype(dtype)
 
     def __call__(self, coefficients: Coefficients, out: RealArray) -> None:
-        """Write T W, shape (q, 3, 8, m)."""
+        """Write T W, shape (q, T, 8, m)."""
         ahead = {regime: self._ahead(regime, coefficients[regime]) for regime in self.expected}
         scratch = np.empty_like(out[0])
         out[:] = np.inf
@@ -140,7 +139,7 @@ class _Block:
             least += self.costs
 
     def _ahead(self, regime: int, coefficients: RealArray) -> dict[int, RealArray]:
-        """Discounted E[V'], nothing completed, (3, 8, m) by the cells it may lead to."""
+        """Discounted E[V'], nothing completed, (T, 8, m) by the cells it may lead to."""
         regimes, landings = self.reduced.regimes, self.reduced.landings
         cells = np.unique(landings[regimes == regime])
         chosen = coefficients[cells]
@@ -150,7 +149,7 @@ class _Block:
         return dict(zip(cells.tolist(), out))
 
     def _gained(self, completion: _Completion, coefficients: RealArray) -> RealArray:
-        """What the chance to complete a goal adds to the discounted E[V'], (3, 8, n)."""
+        """What the chance to complete a goal adds to the discounted E[V'], (T, 8, n)."""
         part = coefficients.take(self.members[completion.goal], axis=-1)
         gained = part.reshape(-1, part.shape[-1]) @ completion.gains
         return self.completion * gained.reshape(*part.shape[:2], -1)

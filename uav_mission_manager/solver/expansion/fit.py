@@ -93,7 +93,7 @@ class Expansion:
     ----------
     mission : Mission
     clusters : Clusters
-    theta : float array (q, 3, 8, P)
+    theta : float array (q, T, 8, P)
         Coefficients over cell, t, f and feature; float64 where the costs need it, else float32.
     points : int
         Design points.
@@ -200,10 +200,11 @@ def fit_bytes(
     features = (5 * size + int(2 * committed * of_goals)) * points
     # Least costs of the arrivals from a cell: regimes and directions, and completions.
     costs = 8 * points * (q * min(2 * k + 4, 12) + 2 * k)
+    levels = 8 * reduced.sub.threats
     # T W now and in the remembered sweeps with their fits, and as much while it is computed.
-    values = 24 * q * points * (3 + 2 * (REMEMBERED_SWEEPS + 1))
-    scratch = 24 * (2 * q + 3) * BLOCK_POINTS * threads.processors()
-    coefficients = 24 * q * size * (8 + 3 * (REMEMBERED_SWEEPS + 1))
+    values = levels * q * points * (3 + 2 * (REMEMBERED_SWEEPS + 1))
+    scratch = levels * (2 * q + 3) * BLOCK_POINTS * threads.processors()
+    coefficients = levels * q * size * (8 + 3 * (REMEMBERED_SWEEPS + 1))
     numbers = features + costs + values + scratch + coefficients
     return precision(reduced).itemsize * numbers * 21 // 20 + 24 * size**2
 
@@ -273,7 +274,8 @@ class _Fit:
     ) -> Expansion | None:
         """Fit in the design points x, from another expansion; None where that runs away."""
         basis = Basis(self.reduced, clusters)
-        theta: RealArray = np.zeros((self.reduced.q, 3, 8, basis.size), self.dtype)
+        axes = self.reduced.q, self.reduced.sub.threats, 8, basis.size
+        theta: RealArray = np.zeros(axes, self.dtype)
         iterations = 0
         if start is not None:
             theta = basis.embed(start.theta, Basis(self.reduced, start.clusters))

@@ -52,7 +52,7 @@ class ExpansionLookAhead:
         reduced = self.reduced = ReducedMission(whole_mission(expansion.mission))
         self.basis = Basis(reduced, expansion.clusters)
         theta = np.asarray(expansion.theta)
-        later = (reduced.threat @ theta.reshape(len(theta), 3, -1)).reshape(theta.shape)
+        later = (reduced.threat @ theta.reshape(*theta.shape[:2], -1)).reshape(theta.shape)
         self.theta = _by_level(theta, theta.dtype)
         faults = expansion.mission.discount * reduced.faults
         self.tables = [_by_level(matrix @ later, theta.dtype) for matrix in faults]
@@ -81,9 +81,10 @@ class ExpansionLookAhead:
         reduced, s = self.reduced, self.reduced.split(states)
         x, f = 2 * s.g + s.r, s.f - 1
         q = np.empty((len(states), len(reduced.slots)))
-        for group, rows in _groups((s.l * 3 + s.t) * 8 + f, self.basis.size):
-            cell, level = divmod(group, 24)
-            q[rows] = self._expected(cell, *divmod(level, 8), x[rows]).T
+        threats = reduced.sub.threats
+        for group, rows in _groups((s.l * threats + s.t) * 8 + f, self.basis.size):
+            level, fault = divmod(group, 8)
+            q[rows] = self._expected(*divmod(level, threats), fault, x[rows]).T
         own = np.where(self._commits, x[:, reduced.slots], s.r.all(axis=1, keepdims=True))
         q += self._costs[s.l[:, None], s.t[:, None], f[:, None], self._actions, own]
         costs = reduced.goal_costs[np.arange(reduced.n), x].sum(axis=1)
@@ -133,7 +134,7 @@ def _departure(basis: Basis, cell: int, dtype: DTypeLike) -> _Departure:
 
 
 def _by_level(theta: RealArray, dtype: DTypeLike) -> RealArray:
-    """Coefficients (q, 3, 8, P) as (3, 8, q, P), in one piece."""
+    """Coefficients (q, T, 8, P) as (T, 8, q, P), in one piece."""
     return np.ascontiguousarray(theta.transpose(1, 2, 0, 3), dtype)
 
 

@@ -137,7 +137,7 @@ class FleetPlanner:
     ) -> None:
         self.mission, self.rules = mission, rules or FleetRules()
         self._limits = self.rules.limits(mission)
-        self._space = StateSpace(mission.k, mission.grid.q)
+        self._space = StateSpace.of(mission)
         self._score = PriorityScore(mission, self.rules.weights)
         to_goals = [distances(mission.grid, goal.cell) for goal in mission.goals]
         self._distances = np.stack(to_goals, axis=1)
@@ -275,7 +275,7 @@ def _essence(sub: SubMdp) -> SubMdp:
         else Goal('', goal.cell if j in flown_to else 0, 0.0, 0.0, ())
         for j, goal in enumerate(mission.goals)
     )
-    grid = replace(mission.grid, cell_size=0.0, origin=None, elevation=())
+    grid = replace(mission.grid, cell_size=0.0, origin=None, elevation=(), bearing=0.0)
     return replace(sub, mission=replace(mission, name='', grid=grid, goals=goals, energy=None))
 
 
@@ -284,7 +284,7 @@ def _solve(sub: SubMdp) -> LocalPolicy:
     uncommitted = tuple(a.number for a in sub.actions if a.kind is not ActionKind.COMMIT)
     pursuing, idle = (value_iteration(s) for s in (sub, replace(sub, numbers=uncommitted)))
     gain = np.maximum(idle.value - pursuing.value, 0.0, dtype=np.float64)
-    best = gain.reshape(-1, 3, 3, gain.shape[2]).max(axis=(0, 1, 3))
+    best = gain.reshape(-1, 3, gain.shape[2]).max(axis=(0, 2))
     noise = idle.upper - idle.lower + pursuing.upper - pursuing.lower
     return LocalPolicy(
         look_ahead=LookAhead(AxisModel(sub), pursuing.value),

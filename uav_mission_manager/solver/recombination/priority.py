@@ -10,7 +10,7 @@ paper names the four without a formula. Here each is a number in [0, 1]:
 - reward = eta_j g_j r_j / (2 max_i eta_i): what commitment to the goal saves an epoch, of the
   most that any goal's can.
 - urgency = g_j / 2: how much the base station wants it, whatever its weight and range.
-- risk = 1 - completion(f) P(no part fails) P(t is never 2): the probability that a flight
+- risk = 1 - completion(f) P(no part fails) P(t is never high): the probability that a flight
   straight to the goal in normal mode, from the cell and in the threat at hand, meets a new
   failure or a high threat, or does not complete the goal in its first epoch on site.
 - resources: the distance to the goal and from there to the service cell, of the longest such
@@ -69,7 +69,7 @@ class PriorityScore:
 
     def __init__(self, mission: Mission, weights: PriorityWeights | None = None) -> None:
         self.mission, grid = mission, mission.grid
-        self._space = StateSpace(mission.k, grid.q)
+        self._space = StateSpace.of(mission)
         weighted = np.array(list(vars(weights or PriorityWeights()).values()))
         self._weights = weighted / weighted.sum()
         savings = commitment_savings(mission)
@@ -106,11 +106,11 @@ def ranked(scores: FloatArray) -> IndexArray:
 
 
 def calm_flight(mission: Mission, destination: int) -> FloatArray:
-    """P(no high threat during the flight to a destination | l, t), shape (q, 3)."""
+    """P(no high threat during the flight to a destination | l, t), shape (q, T)."""
     grid = mission.grid
     hops, epochs = next_hops(grid, destination), epochs_of_flight(grid, destination)
     threat = threat_matrices(mission)[..., :2]
-    calm = np.ones((grid.q, 3))
+    calm = np.ones(threat.shape[:2])
     order = np.argsort(epochs, kind='stable')
     # Cells so many epochs away, the nearest first: each looks one epoch ahead.
     for cells in np.split(order, np.cumsum(np.bincount(epochs)))[1:-1]:

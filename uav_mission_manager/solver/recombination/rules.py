@@ -38,7 +38,7 @@ def highest_priority(
 ) -> FloatArray:
     """Q values of the sub-MDP with the highest priority score, the largest eta_j g_j r_j."""
     mission = subs[0].mission
-    s = StateSpace(mission.k, mission.grid.q).split(states)
+    s = StateSpace.of(mission).split(states)
     scores = commitment_savings(mission)[np.arange(mission.k), s.g, s.r]
     ranks = np.stack([scores[:, list(sub.goals)].max(axis=1) for sub in subs])
     return _of_one(subs, states, tables, ranks.argmax(axis=0))
