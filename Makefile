@@ -1,4 +1,4 @@
-# make demo | test | lint | schema | docs | bench | clean; `make help` explains.
+# make demo | test | lint | schema | docs | bench | screenshots | clean; `make help` explains.
 # Where rclpy is importable (ROS sourced), .venv sees it; elsewhere .venv gets the PyPI wheels.
 
 PYTHON ?= python3
@@ -7,8 +7,8 @@ RUN = $(VENV)/bin/python
 
 # A venv belongs to the ROS it was made for: sourcing another one makes it anew.
 READY = $(VENV)/ready-$(or $(ROS_DISTRO),wheels)
-REQUIREMENTS = requirements.txt requirements-dev.txt requirements-cluster.txt requirements-plan.txt \
-  requirements-plot.txt
+REQUIREMENTS = requirements.txt requirements-dev.txt requirements-cluster.txt requirements-page.txt \
+  requirements-plan.txt requirements-plot.txt requirements-record.txt
 ROS_WHEELS = requirements-ros-wheels.txt
 INSTALL = $(RUN) -m pip install --quiet --disable-pip-version-check
 
@@ -23,7 +23,7 @@ ifdef _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH
 endif
 
-.PHONY: help demo test lint schema docs bench clean
+.PHONY: help demo test lint schema docs bench screenshots clean
 
 help:
 	@echo 'make demo    fly a mission in simulation, on one terminal'
@@ -33,6 +33,7 @@ help:
 	@echo 'make docs    build the documentation site, build/docs/html/index.html'
 	@echo 'make bench   run the benchmarks and show what differs from docs/ (UPDATE=1 writes it there)'
 	@echo '             (SCRIPTS=benchmarks/solve.py for some, ARGS="--goals 8" for its options)'
+	@echo 'make screenshots  take the pictures of the page in docs/ anew, from a demo'
 	@echo 'make clean   remove $(VENV), build results and caches'
 	@echo 'PYTHON=python3.12 VENV=.venv312 choose another interpreter and its own venv'
 
@@ -82,6 +83,10 @@ $(READY): $(REQUIREMENTS) $(ROS_WHEELS)
 	@$(INSTALL) $(REQUIREMENTS:%=-r %)
 	@$(RUN) -c 'import rclpy' 2>/dev/null || $(INSTALL) -r $(ROS_WHEELS)
 	@touch $@
+
+# The pictures of the console in docs/; needs Chromium.
+screenshots: $(READY)
+	$(RUN) docs/screenshots.py
 
 clean:
 	rm -rf $(VENV) build docs/reference install log dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache

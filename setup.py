@@ -14,11 +14,14 @@ COMMANDS = {
     'mission_new': 'cli.mission_new',
     'mission_simulate': 'cli.mission_simulate',
     'mission_check': 'cli.mission_check',
+    'mission_replay': 'cli.mission_replay',
     'demo': 'cli.demo',
     'manager': 'nodes.manager',
     'solver': 'nodes.solver',
+    'mission_record': 'nodes.mission_record',
     'mavlink_bridge': 'nodes.mavlink_bridge',
     'base_station': 'nodes.base_station',
+    'console': 'nodes.console',
     'sim_autopilot': 'autopilot.sim_autopilot',
 }
 
@@ -68,8 +71,10 @@ setup(
         'test': requirements('-dev'),
         'ros': requirements('-ros-wheels'),  # The nodes, where no ROS is sourced.
         'cluster': requirements('-cluster'),  # policy_build --scheduler.
+        'page': requirements('-page'),  # console.
         'plan': requirements('-plan'),  # mission_new.
         'plot': requirements('-plot'),  # mission_simulate --plot, plot_policy.
+        'record': requirements('-record'),  # mission_record, mission_replay.
     },
     entry_points={
         'console_scripts': [

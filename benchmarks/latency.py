@@ -32,6 +32,10 @@ from rclpy.node import Node
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import String, UInt8MultiArray
 
+sys.path.insert(0, str(pages.ROOT / 'test' / 'integration'))
+
+from ros_helpers import ros_domain
+
 from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.transport import without_shared_memory
@@ -234,10 +238,9 @@ def _measure(options: argparse.Namespace) -> dict[str, np.ndarray]:
     """Times [s] of manager and echo, in turn."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     without_shared_memory()
-    os.environ.setdefault('ROS_DOMAIN_ID', str(os.getpid() % 100 + 1))
     parameters = [word for name, value in MANAGER.items() for word in ('-p', f'{name}:={value}')]
-    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
-        os.environ['ROS_HOME'] = folder
+    with tempfile.TemporaryDirectory() as folder, ros_domain() as domain, ExitStack() as stack:
+        os.environ |= {'ROS_HOME': folder, 'ROS_DOMAIN_ID': str(domain)}
         stack.enter_context(_process(folder, __file__, '--echo'))
         stack.enter_context(_process(folder, '-m', options.manager, '--ros-args', *parameters))
         rclpy.init()

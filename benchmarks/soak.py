@@ -26,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # To run without `make`.
 
 from parts import pages
 from parts.missions import case_study
+from parts.soak.bag import SoakBag
 from parts.soak.day import Day
 from parts.soak.fate import Fate
 from parts.soak.leaks import Leaks, Sample
@@ -65,9 +66,21 @@ def main() -> int:
     parser.add_argument(
         '--without', nargs='*', default=(), metavar='NAME', help='what shall not happen'
     )
+    parser.add_argument(
+        '--record',
+        type=Path,
+        metavar='DIR',
+        help='where to record what the manager decides on, a bag a seed, and to save its policies',
+    )
     parser.add_argument('--jobs', type=int, default=2, help='processes; default: %(default)s')
     options = parser.parse_args()
-    tasks = [partial(soak, seed, options.hours, options.without) for seed in options.seed]
+    if options.record:
+        for name, policy in zip(('policy', 'other_policy'), both_policies()):
+            policy.save(options.record / name)
+    tasks = [
+        partial(soak, seed, options.hours, options.without, options.record)
+        for seed in options.seed
+    ]
     with workers(min(options.jobs, len(tasks))) as pool:
         results = list(pool.run(tasks))
     file = pages.folder(options) / 'soak.md'
@@ -82,12 +95,15 @@ def both_policies() -> tuple[Policy, Policy]:
     return build_policy(mission, 'exact'), build_policy(other, 'exact')
 
 
-def soak(seed: int, hours: float, without: Sequence[str] = ()) -> Result:
+def soak(
+    seed: int, hours: float, without: Sequence[str] = (), record: Path | None = None
+) -> Result:
     """Fly one seed; say how it ended."""
+    bag = SoakBag(record / f'seed_{seed}') if record else None
     memory = MEMORY_FOLDER if MEMORY_FOLDER.is_dir() else None
     with tempfile.TemporaryDirectory(dir=memory) as name:
         folder, start, failure = Path(name), time.perf_counter(), ''
-        day, leaks = Day(both_policies(), folder, seed), Leaks(folder)
+        day, leaks = Day(both_policies(), folder, seed, bag), Leaks(folder)
         try:
             Fate(day, without).run(hours * 3600.0, partial(_look, seed, leaks))
         except Exception as error:
@@ -96,6 +112,8 @@ def soak(seed: int, hours: float, without: Sequence[str] = ()) -> Result:
         for process in day.processes:
             if process.up:
                 process.kill()
+        if bag:
+            bag.save(day.now)
         seconds = time.perf_counter() - start
     checked = day.invariants.checked
     result = Result(seed, failure, day.now, seconds, day.counts, checked, leaks.samples)

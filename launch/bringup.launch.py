@@ -1,4 +1,4 @@
-"""The nodes of one vehicle: base station, manager and bridge, by a file of parameters.
+"""The nodes of one vehicle: base station, manager and bridge, by a file of parameters; a recorder.
 
 ros2 launch uav_mission_manager bringup.launch.py namespace:=uav1 params_file:=/path/to/my.yaml
 
@@ -35,6 +35,7 @@ ARGUMENTS = {
     'system': ('', 'MAVLink system id of the vehicle'),
     'allow_arming': ('', 'true: the bridge may arm and take off'),
     'state_dir': ('', 'folder in which the nodes keep what the next ones have to know'),
+    'bag': ('', 'folder to record into; empty: it is not recorded'),
 }
 BOOLEANS = {'true': True, 'false': False}
 NODES = {
@@ -49,6 +50,7 @@ NODES = {
         'autostart': bool,
         'use_sim_time': bool,
     },
+    'mission_record': {'bag': str},
 }
 """Which of the arguments are parameters of which node, and their types."""
 
@@ -97,6 +99,7 @@ def nodes(context: LaunchContext) -> list[Node]:
             output='screen',
         )
         for executable in NODES
+        if executable != 'mission_record' or given(context, 'bag')
     ]
 
 

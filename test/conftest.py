@@ -3,8 +3,18 @@
 Pytest puts the folder of a conftest on the path, so that every test can import both.
 """
 
+from importlib.util import find_spec
+
 from hypothesis import settings
 
 # How long an example takes is up to the machine, and what else it does.
 settings.register_profile('any machine', deadline=None)
 settings.load_profile('any machine')
+
+# Of the extra `record`, which `make` installs, and no package of ROS's brings.
+WITH_BAGS = [
+    'unit/test_recording.py',
+    'unit/test_cli_replay.py',
+    'integration/test_mission_record.py',
+]
+collect_ignore = [] if find_spec('rosbags') else WITH_BAGS

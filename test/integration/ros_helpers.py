@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -24,18 +25,23 @@ from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
 from uav_mission_manager.nodes.background import dying_with_parent
+from uav_mission_manager.nodes.ending import NODES
 from uav_mission_manager.nodes.transport import without_shared_memory
 
 ROOT = Path(__file__).resolve().parents[2]
 ONE_OF_A_KIND = 'nodes.manager', 'nodes.base_station', 'nodes.mavlink_bridge'
 CASE_STUDY = {
-    'nodes.manager': f'policy:={ROOT}/policies/case_study',
+    **dict.fromkeys(('nodes.manager', 'nodes.console'), f'policy:={ROOT}/policies/case_study'),
     **dict.fromkeys(
         ('nodes.base_station', 'nodes.mavlink_bridge', 'nodes.solver'),
         f'mission:={ROOT}/config/case_study.yaml',
     ),
+    'nodes.mission_record': 'bag:=$ROS_HOME/bag',
 }
-"""Parameters that nodes need, for the shipped mission."""
+"""Parameters that nodes need, for the shipped mission and a folder of the test's."""
+
+NODES_HERE = tuple(n for n in NODES if n != 'mission_record' or find_spec('rosbags'))
+"""Nodes that can be started here: the recorder needs the extra `record`."""
 
 LIMIT = 60.0
 """Seconds before a condition that never comes true fails the test."""

@@ -48,7 +48,8 @@ def test_another_node_does_the_work_or_says_why_it_cannot(chain, ros, tmp_path):
     flight.command, flight.pose = 'commit goal1 normal', GOAL1
     flight.until(lambda: active and active[-1].data == 'goal1', 'goal1 active')
     flight.until(lambda: flight.distance(GOAL1) < 5.0, 'over it')
-    flight.until(lambda: flight.value('goal_active') == 'goal1', 'the diagnostics say so')
+    for key in ('goal_active', 'goal_at_work'):
+        flight.until(lambda key=key: flight.value(key) == 'goal1', 'the diagnostics say so')
     node = sampler(ros, tmp_path, jars=1)
     flight.until(lambda: flight.completed, 'goal1 completed')
     flight.until(lambda: active[-1].data == '', 'nobody works any more')

@@ -34,7 +34,7 @@ COMMAND = re.compile(r"^[^\n]*<<'(\w+)'\n.*?^\1$|^[^\n]+$", re.MULTILINE | re.DO
 """A line, or one with the here-document below it."""
 
 RUN = re.compile(r'(?:ros2 run uav_mission_manager )?(\w+) (.*)')
-PORT = re.compile(r'\b145[56]\d\b')
+PORT = re.compile(r'\b(145[56]\d|8080)\b')
 """Ports of the pages; free ones are used in their place, as others may fly here."""
 
 NOT_HERE = (
@@ -54,8 +54,8 @@ NOT_HERE = (
 SHELL = ('cat ', 'mkdir ', 'sed ')
 """Commands that bash runs as they are."""
 
-LONG = {'demo': 'test_demo.py'}
-"""Commands that take a minute, and the test that runs them: here their options are held."""
+LONG = {'demo': 'test_demo.py', 'mission_replay': 'test_demo.py'}
+"""Commands that take a minute, or a flight, and the test that runs them; here options are held."""
 
 SHORTER = {'mission_simulate': ('--episodes', '10'), 'policy_build': ('--tolerance', '1e-3')}
 """What is added to a command, for time."""

@@ -10,6 +10,7 @@ from ros_helpers import NodeProcess, Ros
 from std_msgs.msg import String, UInt8MultiArray
 
 from uav_mission_manager.nodes import qos
+from uav_mission_manager.nodes.presence import TIE
 
 ROLES = ('manager', 'base_station')
 
@@ -28,6 +29,11 @@ def identities(messages: list[String]) -> set[str]:
     return {message.data.rpartition(' ')[0] for message in messages}
 
 
+def longest(messages: list[String]) -> float:
+    """For how long [s] somebody has been up who has been heard."""
+    return max((float(message.data.rpartition(' ')[2]) for message in messages), default=0.0)
+
+
 def until_heard_again(ros: Ros, messages: list[String], times: int = 4) -> None:
     count = len(messages)
     ros.until(lambda: len(messages) >= count + times, 'presence')
@@ -37,7 +43,7 @@ def until_heard_again(ros: Ros, messages: list[String], times: int = 4) -> None:
 def test_the_second_one_ends_and_the_first_goes_on(ros: Ros, role: str) -> None:
     heard = ros.listen(f'presence/{role}', String, qos.EVENT)
     first = start(ros, role)
-    ros.until(lambda: heard, 'the first')
+    ros.until(lambda: longest(heard) > TIE, 'the first')
     [name] = identities(heard)
 
     second = start_second(ros, role)
@@ -136,10 +142,14 @@ def test_what_is_no_presence_is_said_and_ends_nothing(ros: Ros, text: str) -> No
 def test_an_older_manager_elsewhere_is_given_way_to(ros: Ros) -> None:
     heard = ros.listen('presence/manager', String, qos.EVENT)
     manager = start(ros, 'manager')
-    ros.until(lambda: heard, 'presence')
+    ros.until(lambda: longest(heard) > TIE, 'presence of one that is older than others')
+
     # Its own name is not another one: nothing but an older stranger ends it.
-    ros.publish('presence/manager', String(data='stranger 0.0'), qos.EVENT)
-    ros.until(lambda: manager.lines('a second manager in /: stranger'), 'a warning')
+    def warned() -> list[str]:
+        ros.publish('presence/manager', String(data='stranger 0.0'), qos.EVENT)
+        return manager.lines('a second manager in /: stranger')
+
+    ros.until(warned, 'a warning')
     ros.publish('presence/manager', String(data='stranger 1e6'), qos.EVENT)
     assert manager.wait() == 1
     assert 'another manager is in /: stranger, up for 1000000.0 s' in manager.output

@@ -1,5 +1,7 @@
 """Imports run one way: mdp <- solver <- policy <- onboard <- nodes, cli; autopilot is beside.
 
+Pictures of missions (drawing) are before the console's page, which a node and a command serve.
+
 So they do between the rooms of the solver, which all stand on its ground floor. And no two modules
 have one name for two things.
 """
@@ -22,8 +24,13 @@ ALLOWED = {
     'policy': {'mdp', 'solver'},
     'onboard': {'mdp', 'solver', 'policy'},
     'autopilot': {'pymavlink'},
-    'nodes': {'mdp', 'solver', 'policy', 'onboard', 'autopilot', 'ros'},
-    'cli': {'mdp', 'solver', 'policy', 'onboard', 'autopilot', 'nodes', 'ros', 'pymavlink'},
+    'drawing': {'mdp', 'onboard'},
+    'console': {'mdp', 'solver', 'policy', 'onboard', 'autopilot', 'drawing'},
+    'nodes': {'mdp', 'solver', 'policy', 'onboard', 'autopilot', 'console', 'ros'},
+    'cli': {
+        *('mdp', 'solver', 'policy', 'onboard', 'autopilot', 'drawing', 'console', 'nodes'),
+        *('ros', 'pymavlink'),
+    },
 }
 # Room of the solver -> what it may import of the others, all of them before it.
 ROOMS = {
@@ -215,7 +222,7 @@ def test_a_node_starts_and_decides_without_scipy():
     """Its parts take twice as long to import as all else; only a solver needs them."""
     program = """
 import sys
-from uav_mission_manager.nodes import base_station, manager, mavlink_bridge, solver
+from uav_mission_manager.nodes import base_station, console, manager, mavlink_bridge, solver
 from uav_mission_manager.policy import load_policy
 for name in 'case_study', 'case_one':
     policy = load_policy(f'policies/{name}')

@@ -12,7 +12,7 @@ from shapely import MultiPoint, Point, Polygon
 from shapely.affinity import rotate
 from strategies import case_study
 
-from uav_mission_manager.cli.check.places import corners, inner_lines, outline
+from uav_mission_manager.drawing.places import corners, inner_lines, outline
 from uav_mission_manager.mdp import Grid, MissionError, mission_from_dict
 from uav_mission_manager.nodes.reporting import markers
 from uav_mission_manager.onboard import Situation

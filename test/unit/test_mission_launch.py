@@ -180,6 +180,7 @@ def test_bringup_gives_each_node_its_own_parameters_in_their_types(bringup):
         'system': '3',
         'allow_arming': 'true',
         'state_dir': '/s',
+        'bag': '/b',
     }
     nodes = launched(bringup, **given)
     assert {node['namespace'] for node in nodes.values()} == {'a/b'}
@@ -198,6 +199,7 @@ def test_bringup_gives_each_node_its_own_parameters_in_their_types(bringup):
             'autostart': False,
             'use_sim_time': True,
         },
+        'mission_record': {'bag': '/b'},
     }
 
 

@@ -14,8 +14,8 @@ from strategies import case_study
 
 from uav_mission_manager.cli.check.geojson import MOST_CELLS, geojson
 from uav_mission_manager.cli.check.html_page import html_page
-from uav_mission_manager.cli.check.places import reaches
 from uav_mission_manager.cli.check.plausibility import findings
+from uav_mission_manager.drawing.places import reaches
 from uav_mission_manager.geodesy import ground_distance
 from uav_mission_manager.mdp import mission_from_dict
 

@@ -35,7 +35,10 @@ ROSDEP_KEYS = {
     'argcomplete': 'python3-argcomplete',
 }
 OPTIONAL = {'threadpoolctl'}  # rosdep has no key for it.
-OF_AN_EXTRA = {'shapely', 'defusedxml', 'matplotlib'}  # Whoever needs one asks for it.
+OF_AN_EXTRA = {  # Whoever needs one asks for it.
+    *('shapely', 'defusedxml', 'matplotlib', 'rosbags'),
+    *('nicegui', 'fastapi', 'uvicorn'),
+}
 PYPI_NAMES = {'yaml': 'pyyaml', 'serial': 'pyserial'}  # Where the import is called otherwise.
 
 
@@ -147,8 +150,10 @@ def test_every_command_says_the_version(command, capsys):
         ('test', '-dev'),
         ('ros', '-ros-wheels'),
         ('cluster', '-cluster'),
+        ('page', '-page'),
         ('plan', '-plan'),
         ('plot', '-plot'),
+        ('record', '-record'),
     ],
 )
 def test_pip_installs_what_a_requirements_file_names(metadata, extra, which):

@@ -32,6 +32,7 @@ from uav_mission_manager.mdp import mission_from_dict
 from uav_mission_manager.nodes.flight_plan import FlightPlan
 from uav_mission_manager.onboard import Situation
 from uav_mission_manager.onboard.priority_request import PriorityRequest
+from uav_mission_manager.onboard.trace import Replay, outcome_values
 from uav_mission_manager.policy import build_policy
 
 BENCHMARKS = Path(__file__).parents[2] / 'benchmarks'
@@ -103,6 +104,26 @@ def test_all_holds_in_storms_and_calms(soak, make_day, seed):
     soak.fate.Fate(day).run(SHORT_STORM)
     checked = day.invariants.checked
     assert min(checked['orders'], checked['commands'], checked['steps in the air']) > 10
+
+
+def test_a_storm_is_decided_anew_from_its_record(soak, policies, tmp_path):
+    entries = []
+
+    def record(topic, text, now):
+        entries.extend([text] if topic == 'manager/trace' else [])
+
+    day = soak.day.Day(policies, tmp_path, 5, record)
+    soak.fate.Fate(day, ['other policy']).run(SHORT_STORM)
+    replay = Replay(policies[0])
+    steps = [step for entry in entries for step in replay.take(entry)]
+    for process in day.processes:
+        process.kill()
+    assert (replay.gaps, replay.skipped) == (0, 0)
+    assert replay.runs > 1
+    assert len(steps) > 100
+    for step in steps:
+        now = outcome_values(step.replayed)
+        assert now == step.recorded or ('refused' in now and 'refused' in step.recorded)
 
 
 def test_a_seed_replays(soak, make_day):

@@ -38,6 +38,7 @@ class CommandOutputs:
         self._decision_out = self._output(DiagnosticArray, '~/decision')
         self._markers_out = self._output(MarkerArray, '~/markers')
         self._diagnostics_out = self._output(DiagnosticArray, '/diagnostics', qos.RELIABLE)
+        self._trace_out = self._output(String, '~/trace', qos.TRACE)
 
     def _output(self, kind: Any, topic: str, profile: QoSProfile | None = None) -> Publisher:
         return self._node.create_publisher(
@@ -88,3 +89,8 @@ class CommandOutputs:
     def diagnose(self, statuses: Sequence[DiagnosticStatus]) -> None:
         """Publish how the node is."""
         self._diagnostics_out.publish(DiagnosticArray(header=self._header(), status=statuses))
+
+    def trace(self, entry: str) -> None:
+        """Publish what was decided on, for a recording; see `onboard.trace`."""
+        if entry:
+            self._trace_out.publish(String(data=entry))

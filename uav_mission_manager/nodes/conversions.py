@@ -9,8 +9,8 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState, NavSatFix, NavSatStatus
 
 from uav_mission_manager.autopilot.telemetry import BatteryReading, Position
+from uav_mission_manager.frames import BODY_FRAME, MAP_FRAME
 from uav_mission_manager.mdp import Origin
-from uav_mission_manager.nodes.frames import BODY_FRAME, MAP_FRAME
 
 
 def battery_state(number: int, battery: BatteryReading, stamp: Time) -> BatteryState:

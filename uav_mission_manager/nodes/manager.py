@@ -32,10 +32,11 @@ from uav_mission_manager.onboard import (
     ManagerSettings,
     MissionManager,
     Refusal,
-    Situation,
     format_command,
 )
+from uav_mission_manager.onboard.heard_input import HeardInput
 from uav_mission_manager.onboard.journal import Journal
+from uav_mission_manager.onboard.trace import TraceWriter
 from uav_mission_manager.policy import Decision, load_policy
 
 PARAMETERS = (
@@ -120,6 +121,7 @@ class Manager(ManagedNode):
         settings = ManagerSettings(**{name: getattr(p, name) for name in names})
         found = recollect(self._journal, self._asked, settings)
         self._core, self._used, self._trouble = found.core, found.used, found.trouble
+        self._trace = TraceWriter(found.core, seconds(self._steady))
         self._outcome: Decision | Refusal = Refusal('no decision yet')
         self._remembered: tuple[int, ...] = ()
         # Lambdas, as rclpy wants a place in the code for each severity.
@@ -163,12 +165,14 @@ class Manager(ManagedNode):
         policy = self._used.policy
         return f'{shown(self._used.path)} ({policy.method}, {policy.digest[:12]})'
 
-    def _take(self, topic: str, change: Callable[[Situation], Situation]) -> None:
+    def _take(self, topic: str, read: Callable[[], HeardInput]) -> None:
         try:
-            self._core.take(change)
+            heard = read()
+            self._core.take(heard)
         except InputError as error:
             self._complaints.add(topic, f'{error}; kept the last good value')
             return
+        self._trace.hear(heard)
         self._step()
         self._complaints.settle(topic)
         for warning in self._core.news():
@@ -182,8 +186,11 @@ class Manager(ManagedNode):
         manager that has just started listens first: to hear of another one, and what is wanted.
         """
         now = seconds(self._steady)
-        if self._presence.silent or self._waits(now):
-            return
+        if not (self._presence.silent or self._waits(now)):
+            self._decide(now, repeat)
+        self._outputs.trace(self._trace.entry())
+
+    def _decide(self, now: float, repeat: bool) -> None:
         core, before = self._core, self._outcome
         self._outcome = outcome = core.step(now)
         if core.situation.priorities != self._remembered:
@@ -203,6 +210,7 @@ class Manager(ManagedNode):
         self._remember()
         if changed or repeat:
             self._outputs.explain(outcome, core.situation, now, core.policy.digest)
+        self._trace.step(now, outcome)
         if changed and not isinstance(outcome, Refusal):
             core.foresee()
 
@@ -275,6 +283,7 @@ class Manager(ManagedNode):
             return why
         self._complaints.settle('policy_set')
         self._used = PolicyInUse(policy, path, self._asked.path)
+        self._trace.adopt()
         self.get_logger().info(f'policy taken over: {self._label}')
         self._step(repeat=True)
         return ''
@@ -290,6 +299,7 @@ class Manager(ManagedNode):
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._core.reset_goals()
+        self._trace.reset()
         self._waits_until = 0.0  # This is what is wanted by now.
         self.get_logger().info('goals reset')
         self._step(repeat=True)

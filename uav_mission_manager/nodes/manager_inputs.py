@@ -11,12 +11,12 @@ from std_msgs.msg import String, UInt8MultiArray
 
 from uav_mission_manager.autopilot.pilot import Pilot
 from uav_mission_manager.echo import quoted, shown
+from uav_mission_manager.frames import MAP_FRAME
 from uav_mission_manager.mdp import Mission
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.clocks import safety_clock, seconds
 from uav_mission_manager.nodes.complaints import Complaints
 from uav_mission_manager.nodes.flight_plan import FlightPlan
-from uav_mission_manager.nodes.frames import MAP_FRAME
 from uav_mission_manager.onboard import InputError, parse_command
 from uav_mission_manager.onboard.stamps import stamp_age
 

@@ -283,6 +283,7 @@ class MavlinkBridge(ManagedNode):
             'command': inputs.command,
             'command_refused': '; '.join(inputs.complaints),
             'command_age': f'{inputs.command_age:.1f}' if inputs.command else '',
+            'goal_at_work': bridge.pilot.work.goal,
             'goal_active': bridge.output.active,
             'goal_refused': self._outputs.refused,
             'fault_mode': self._outputs.fault_mode,

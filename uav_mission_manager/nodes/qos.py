@@ -15,6 +15,8 @@ _PROFILES = {
     'EVENT': (_RELIABLE, _VOLATILE, 10),
     # For what those who come later shall also hear: the last one.
     'LATCHED': (_RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL, 1),
+    # For what is recorded, to its beginning: the depth is a choice, half a minute.
+    'TRACE': (_RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL, 1000),
     # For diagnostics and markers, with ROS's default depth.
     'RELIABLE': (_RELIABLE, _VOLATILE, 10),
 }

@@ -12,8 +12,8 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from uav_mission_manager.echo import shown
+from uav_mission_manager.frames import MAP_FRAME
 from uav_mission_manager.mdp import Grid
-from uav_mission_manager.nodes.frames import MAP_FRAME
 from uav_mission_manager.onboard import Refusal, Situation, format_command
 from uav_mission_manager.policy import Decision, Policy
 

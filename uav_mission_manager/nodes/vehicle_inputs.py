@@ -1,4 +1,4 @@
-"""What the manager hears: messages as changes of its situation."""
+"""What the manager hears: messages of ROS as inputs."""
 
 from __future__ import annotations
 
@@ -16,17 +16,19 @@ from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Header, String, UInt8MultiArray
 
 from uav_mission_manager.echo import quoted
+from uav_mission_manager.frames import MAP_FRAME
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.clocks import seconds
-from uav_mission_manager.nodes.frames import MAP_FRAME
-from uav_mission_manager.onboard import InputError, Situation
+from uav_mission_manager.onboard import InputError
+from uav_mission_manager.onboard.heard_input import HeardInput
 from uav_mission_manager.onboard.stamps import stamp_age
 
-Change = Callable[[Situation, Any, float], Situation]
-"""How a message of a time [s] changes the situation; raises `InputError`."""
+Values = Callable[[Any], dict[str, Any]]
+"""What a message says, as the arguments of the method of `Situation` that takes it; may raise
+`InputError`."""
 
-Taken = Callable[[str, Callable[[Situation], Situation]], None]
-"""Takes a change that came on a topic."""
+Taken = Callable[[str, Callable[[], HeardInput]], None]
+"""Takes what came on a topic: what reads it, and raises `InputError` where it cannot be."""
 
 HEALTHY = (
     BatteryState.POWER_SUPPLY_HEALTH_UNKNOWN,
@@ -71,7 +73,7 @@ class VehicleInputs:
     ----------
     node : Node
     take : callable
-        Is given each change with its topic.
+        Is given what reads each message, with its topic.
     clock : Clock
         That of the situation's times.
     timeout : float
@@ -81,32 +83,32 @@ class VehicleInputs:
     def __init__(self, node: Node, take: Taken, clock: Clock, timeout: float) -> None:
         self._node, self._take, self._clock, self._timeout = node, take, clock, timeout
         self._unlatched: dict[str, tuple[Any, Any]] = {}
-        self._stamped('battery_state', BatteryState, _with_battery)
-        self._stamped('odom', Odometry, _with_odometry)
-        self._state('fault_mode', String, lambda s, m, now: s.with_fault(m.data, now))
-        self._state('threat_level', String, lambda s, m, now: s.with_threat(m.data, now))
-        self._state('goal_priorities', UInt8MultiArray, _with_priorities)
-        self._event('goal_completed', lambda s, m, now: s.with_completed(m.data))
-        self._event('goal_refused', lambda s, m, now: s.with_refused(m.data))
+        self._stamped('battery_state', BatteryState, _battery)
+        self._stamped('odom', Odometry, _position)
+        self._state('fault_mode', String, _name)
+        self._state('threat_level', String, _name)
+        self._state('goal_priorities', UInt8MultiArray, _priorities)
+        self._event('goal_completed')
+        self._event('goal_refused')
         node.create_timer(GRAPH_PERIOD, self._hear_latched, clock=clock)
 
-    def _stamped(self, topic: str, kind: Any, change: Change) -> None:
+    def _stamped(self, topic: str, kind: Any, values: Values) -> None:
         def heard(message: Any) -> None:
-            def changed(situation: Situation) -> Situation:
+            def read() -> HeardInput:
                 age = self._age(topic, message.header)
-                return change(situation, message, seconds(self._clock) - age)
+                return HeardInput(topic, seconds(self._clock) - age, values(message))
 
-            self._take(topic, changed)
+            self._take(topic, read)
 
         self._subscribe(topic, kind, heard, qos.SENSOR)
 
-    def _state(self, topic: str, kind: Any, change: Change) -> None:
+    def _state(self, topic: str, kind: Any, values: Values) -> None:
         """Hear both who repeats and who latches; what comes both ways is taken once."""
         once = TakenOnce()
 
         def heard(message: Any, info: dict[str, int]) -> None:
             if not once.again(info['source_timestamp']):
-                self._take(topic, partial(self._changed, change, message))
+                self._take(topic, partial(self._read, topic, values, message))
 
         self._subscribe(topic, kind, heard, qos.STATE_IN)
         self._unlatched[topic] = kind, heard
@@ -127,9 +129,9 @@ class VehicleInputs:
                     kind, topic, heard, qos.LATCHED, event_callbacks=NO_EVENTS
                 )
 
-    def _event(self, topic: str, change: Change) -> None:
+    def _event(self, topic: str) -> None:
         def heard(message: Any) -> None:
-            self._take(topic, partial(self._changed, change, message))
+            self._take(topic, partial(self._read, topic, _name, message))
 
         self._subscribe(topic, String, heard, qos.EVENT)
 
@@ -138,37 +140,40 @@ class VehicleInputs:
             kind, topic, heard, profile, qos_overriding_options=qos.OVERRIDABLE
         )
 
-    def _changed(self, change: Change, message: Any, situation: Situation) -> Situation:
-        return change(situation, message, seconds(self._clock))
+    def _read(self, topic: str, values: Values, message: Any) -> HeardInput:
+        return HeardInput(topic, seconds(self._clock), values(message))
 
     def _age(self, topic: str, header: Header) -> float:
         stamp = header.stamp.sec + header.stamp.nanosec * 1e-9
         return stamp_age(topic, stamp, seconds(self._node.get_clock()), self._timeout)
 
 
-def _with_battery(situation: Situation, message: BatteryState, now: float) -> Situation:
+def _battery(message: BatteryState) -> dict[str, Any]:
     name = ' '.join(filter(None, (message.location, message.serial_number)))
-    return situation.with_battery(
-        message.percentage,
-        now,
-        message.power_supply_health in HEALTHY,
-        voltage=message.voltage,
-        current=message.current,
-        capacity=message.capacity,
-        battery=_label('battery_state', name),
-    )
+    return {
+        'percentage': message.percentage,
+        'healthy': message.power_supply_health in HEALTHY,
+        'voltage': message.voltage,
+        'current': message.current,
+        'capacity': message.capacity,
+        'battery': _label('battery_state', name),
+    }
 
 
-def _with_odometry(situation: Situation, message: Odometry, now: float) -> Situation:
+def _position(message: Odometry) -> dict[str, Any]:
     if message.header.frame_id not in ('', MAP_FRAME):
         raise InputError(f'odom: frame_id {quoted(message.header.frame_id)} is not {MAP_FRAME!r}')
     position = message.pose.pose.position
-    return situation.with_position(position.x, position.y, now)
+    return {'east': position.x, 'north': position.y}
 
 
-def _with_priorities(situation: Situation, message: UInt8MultiArray, now: float) -> Situation:
+def _name(message: String) -> dict[str, Any]:
+    return {'name': message.data}
+
+
+def _priorities(message: UInt8MultiArray) -> dict[str, Any]:
     request = message.layout.dim[0].label if message.layout.dim else ''
-    return situation.with_priorities(message.data, _label('goal_priorities', request), now)
+    return {'values': message.data, 'request': _label('goal_priorities', request)}
 
 
 def _label(topic: str, text: str) -> str:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 from uav_mission_manager.mdp import StateSpace
-from uav_mission_manager.onboard.battery import Batteries
+from uav_mission_manager.onboard.battery import Batteries, Battery, BatteryReport
 from uav_mission_manager.onboard.settling import Dangers, GoalRequest, Wish
 from uav_mission_manager.onboard.situation import Situation
 
@@ -67,3 +67,36 @@ def remembered(situation: Situation, memory: Mapping[str, Any]) -> Situation:
     )
     StateSpace.of(situation.mission).check(known.state)
     return known
+
+
+def situation_now(situation: Situation) -> dict[str, Any]:
+    """Return what its memory leaves out, as it is heard again within seconds."""
+    return {
+        'position': situation.position,
+        'seen': dict(situation.seen),
+        'time': situation.time,
+        'batteries': {name: asdict(b) for name, b in situation.batteries.by_id.items()},
+    }
+
+
+def as_it_was(situation: Situation, now: Mapping[str, Any]) -> Situation:
+    """Return a remembered situation with what `situation_now` said.
+
+    Raises
+    ------
+    LookupError, TypeError, ValueError, AttributeError
+        If that cannot be.
+    """
+    position = now['position']
+    return replace(
+        situation,
+        position=None if position is None else tuple(position),
+        seen=dict(now['seen']),
+        time=float(now['time']),
+        batteries=Batteries(
+            {
+                name: Battery(**{**battery, 'report': BatteryReport(**battery['report'])})
+                for name, battery in now['batteries'].items()
+            }
+        ),
+    )

@@ -10,7 +10,12 @@ from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, Mission, global_
 from uav_mission_manager.onboard.deciding import Refusal, decide
 from uav_mission_manager.onboard.dwell import StandingCommand, dwell, stay
 from uav_mission_manager.onboard.inputs import index_of
-from uav_mission_manager.onboard.memory import remembered, situation_memory
+from uav_mission_manager.onboard.memory import (
+    as_it_was,
+    remembered,
+    situation_memory,
+    situation_now,
+)
 from uav_mission_manager.onboard.situation import Situation
 from uav_mission_manager.policy import Decision, Policy
 
@@ -48,7 +53,8 @@ class MissionManager:
     policy : Policy
     settings : ManagerSettings
     memory : mapping, optional
-        What `memory` said of a manager for the same goals and grid: this one goes on from there.
+        What `memory` or `snapshot` said of a manager for the same goals and grid: this one goes
+        on from there.
 
     Raises
     ------
@@ -59,6 +65,7 @@ class MissionManager:
     Attributes
     ----------
     policy : Policy
+    settings : ManagerSettings
     situation : Situation
     """
 
@@ -69,7 +76,7 @@ class MissionManager:
         memory: Mapping[str, Any] | None = None,
     ) -> None:
         self.policy = policy
-        self._settings = settings
+        self.settings = settings
         index_of(settings.threat_unknown, THREAT_LEVELS, 'threat_unknown')
         self.situation = Situation(
             policy.mission,
@@ -81,6 +88,8 @@ class MissionManager:
         if memory is not None:
             try:
                 self.situation = remembered(self.situation, memory['situation'])
+                if 'now' in memory:
+                    self.situation = as_it_was(self.situation, memory['now'])
                 self._standing = _remembered_command(policy.mission, memory['command'])
             except (LookupError, TypeError, ValueError, AttributeError) as error:
                 raise ValueError(f'memory: {error!r}') from error
@@ -106,7 +115,7 @@ class MissionManager:
         self.situation = self.situation.settled(now)
         if 'goal_priorities' not in self.situation.known:
             return Refusal('no goal priorities yet')
-        outcome = decide(self.policy, self.situation, now, self._settings.input_timeout)
+        outcome = decide(self.policy, self.situation, now, self.settings.input_timeout)
         if isinstance(outcome, Refusal):
             return outcome
         if self.situation.off_grid:
@@ -115,7 +124,7 @@ class MissionManager:
             )
             return stays or Refusal(self.situation.off_grid)
         outcome, self._standing = dwell(
-            outcome, self.situation, self._standing, self._settings.command_dwell, now
+            outcome, self.situation, self._standing, self.settings.command_dwell, now
         )
         self.situation = self.situation.after(outcome.action)
         return outcome
@@ -158,6 +167,11 @@ class MissionManager:
             'wanted': self._standing.wanted,
         }
         return {'situation': situation_memory(self.situation), 'command': command}
+
+    @property
+    def snapshot(self) -> dict[str, Any]:
+        """What another one needs to decide from here on as this one does, as JSON values."""
+        return {**self.memory, 'now': situation_now(self.situation)}
 
 
 def _remembered_command(

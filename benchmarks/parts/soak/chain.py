@@ -29,8 +29,10 @@ from uav_mission_manager.onboard import (
     format_command,
     parse_command,
 )
+from uav_mission_manager.onboard.heard_input import HeardInput
 from uav_mission_manager.onboard.priority_request import PriorityRequest
 from uav_mission_manager.onboard.stamps import stamp_age
+from uav_mission_manager.onboard.trace import TraceWriter
 from uav_mission_manager.policy import Policy
 
 SETTINGS = Settings(
@@ -52,6 +54,9 @@ nothing but position and charge is new, which the nodes take with each message: 
 
 REQUEST_TIME = 2.0
 """Time [s] after listening in which a manager waits to hear what is wanted by now: the node's."""
+
+Record = Callable[[str, str, float], None]
+"""Takes what is said on a topic for a recording, at a time [s]."""
 
 SOCKET_BUFFER = 400
 """Datagrams that wait for a process that stands still, at most: a choice, near Linux' default."""
@@ -195,6 +200,8 @@ class ManagerProcess(Process):
     def __init__(self, policies: Sequence[Policy], *process: Any) -> None:
         super().__init__(*process)
         self._policies = policies
+        self.record: Record | None = None
+        self._trace: TraceWriter | None = None
 
     def begin(self) -> None:
         """Go on from the journal, with the policy that was in use."""
@@ -204,14 +211,22 @@ class ManagerProcess(Process):
         self._decide_at = self._repeat_at = -math.inf
         self._command, self._goals = '', ()
         self.problem = self._complaint = ''
+        if self.record:
+            self._trace = TraceWriter(self.core, self.clock)
 
     def work(self) -> None:
-        """Hear, decide, command."""
-        news = self._hear()
+        """Hear, decide, command; tell what was decided on."""
+        self._decide(self._hear())
+        if self.record and self._trace and (entry := self._trace.entry()):
+            self.record('manager/trace', entry, self.now)
+
+    def _decide(self, news: bool) -> None:
         if not self.works or self._waits or not (news or self.clock >= self._decide_at):
             return
         self._decide_at = self.clock + DECISION_PERIOD
         outcome = self.core.step(self.clock)
+        if self._trace:
+            self._trace.step(self.clock, outcome)
         self.remember({'policy': self._policy, 'core': self.core.memory})
         repeat = self.clock >= self._repeat_at
         if repeat:
@@ -244,37 +259,50 @@ class ManagerProcess(Process):
             self._command = command
             self.watch.commanded(command)
             self.bus.command.publish((self.wall, command), self.now)
+            if self.record:
+                self.record('mission_command', command, self.now)
 
     def _hear(self) -> bool:
         """Take what has arrived; return whether anything but charge and position has."""
         bus, now, clock = self.bus, self.now, self.clock
         for stamp, name, b in bus.battery.take(now):
-            more = {'voltage': b.voltage, 'current': -b.current, 'battery': name}
-            self._take(
-                lambda s, b=b, more=more: s.with_battery(b.charge, clock, b.healthy, **more),
-                'battery_state',
-                stamp,
-            )
+            values = {
+                **{'percentage': b.charge, 'healthy': b.healthy, 'voltage': b.voltage},
+                **{'current': -b.current, 'battery': name},
+            }
+            self._take(HeardInput('battery_state', clock, values), stamp)
         for stamp, east, north in bus.odom.take(now):
-            self._take(lambda s, e=east, n=north: s.with_position(e, n, clock), 'odom', stamp)
+            self._take(HeardInput('odom', clock, {'east': east, 'north': north}), stamp)
+        requests = bus.priorities.take(now)
         news = [
-            *((lambda s, m=m: s.with_fault(m, clock)) for m in bus.fault.take(now)),
-            *((lambda s, m=m: s.with_threat(m, clock)) for m in bus.threat.take(now)),
-            *((lambda s, m=m: s.with_priorities(*m, clock)) for m in bus.priorities.take(now)),
-            *((lambda s, m=m: s.with_completed(m)) for m in bus.completed.take(now)),
-            *((lambda s, m=m: s.with_refused(m)) for m in bus.refused.take(now)),
+            *(HeardInput('fault_mode', clock, {'name': name}) for name in bus.fault.take(now)),
+            *(HeardInput('threat_level', clock, {'name': name}) for name in bus.threat.take(now)),
+            *(
+                HeardInput('goal_priorities', clock, {'values': values, 'request': request})
+                for values, request in requests
+            ),
+            *(
+                HeardInput('goal_completed', clock, {'name': name})
+                for name in bus.completed.take(now)
+            ),
+            *(HeardInput('goal_refused', clock, {'name': name}) for name in bus.refused.take(now)),
         ]
-        for change in news:
-            self._take(change)
+        for heard in news:
+            self._take(heard)
         for number in bus.policy.take(now):
             self.core.adopt(self._policies[number])
             self._policy = number
+            if self._trace:
+                self._trace.adopt()
         return bool(news)
 
-    def _take(self, change: Any, topic: str = '', stamp: float | None = None) -> None:
+    def _take(self, heard: HeardInput, stamp: float | None = None) -> None:
+        topic = heard.topic
         try:
             stamp_age(topic, stamp, self.wall, MANAGER_SETTINGS.input_timeout)
-            self.core.take(change)
+            self.core.take(heard)
+            if self._trace:
+                self._trace.hear(heard)
             for warning in self.core.news():
                 self.watch.note('manager', warning)
         except InputError as error:

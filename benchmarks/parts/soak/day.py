@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from parts.soak.chain import BridgeProcess, ManagerProcess, StationProcess
+from parts.soak.chain import BridgeProcess, ManagerProcess, Record, StationProcess
 from parts.soak.invariants import Invariants
 from parts.soak.processes import Bus, Process
 from parts.soak.vehicle import Vehicle
@@ -43,9 +43,13 @@ class Day:
     folder : Path
         Where the journals go.
     seed : int
+    record : callable, optional
+        Takes what the manager says and decides on.
     """
 
-    def __init__(self, policies: Sequence[Policy], folder: Path, seed: int) -> None:
+    def __init__(
+        self, policies: Sequence[Policy], folder: Path, seed: int, record: Record | None = None
+    ) -> None:
         self.rng = random.Random(seed)
         self.mission = mission = policies[0].mission
         self.now = 0.0
@@ -56,6 +60,7 @@ class Day:
         common = mission, self.bus, self, folder, self.rng
         self.bridge = BridgeProcess(self.vehicle, *common)
         self.manager = ManagerProcess(policies, *common)
+        self.manager.record = record
         self.station = StationProcess(*common)
         self.processes: tuple[Process, ...] = (self.bridge, self.manager, self.station)
         self.threat = 'none'

@@ -9,7 +9,7 @@ from shapely import LineString, Polygon, STRtree
 from shapely import Point as Spot
 
 from uav_mission_manager.cli.check.finding import Finding
-from uav_mission_manager.cli.check.places import Point, area_shapes, rounds
+from uav_mission_manager.drawing.places import Point, area_shapes, rounds
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import Mission
 

@@ -119,11 +119,6 @@ def marks(mission: Mission) -> dict[int, str]:
     return found
 
 
-def onsets(mission: Mission) -> dict[int, float]:
-    """Cells with a chance of threats of their own, that differs from the ordinary one."""
-    return {cell: p for cell, p in mission.threat.zones if p != mission.threat.onset}
-
-
 def duration_text(seconds: float) -> str:
     """Return a duration for people."""
     for unit, length in (('years', 365.25 * 86_400), ('days', 86_400), ('h', 3600), ('min', 60)):

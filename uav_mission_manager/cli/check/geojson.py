@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
-from uav_mission_manager.cli.check.facts import goal_facts, marks, onsets
-from uav_mission_manager.cli.check.places import (
+from uav_mission_manager.cli.check.facts import goal_facts, marks
+from uav_mission_manager.drawing.places import (
     Point,
     area_shapes,
     corners,
+    onsets,
     outline,
     rounds,
 )

@@ -15,8 +15,8 @@ from uav_mission_manager.cli.check.facts import (
     worth_a_minute,
 )
 from uav_mission_manager.cli.check.finding import Finding
-from uav_mission_manager.cli.check.places import area_shapes, reaches, rounds
 from uav_mission_manager.cli.check.svg_map import svg_map
+from uav_mission_manager.drawing.places import area_shapes, reaches, rounds
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import Mission
 

@@ -17,14 +17,13 @@ from uav_mission_manager.cli.check.facts import (
     goal_facts,
     grid_text,
     marks,
-    onsets,
     task_text,
     worth_a_minute,
 )
 from uav_mission_manager.cli.check.finding import Finding
-from uav_mission_manager.cli.check.places import area_shapes
 from uav_mission_manager.cli.check.solving import Solved
 from uav_mission_manager.cli.forecast_view import WIDTH
+from uav_mission_manager.drawing.places import area_shapes, onsets
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import Mission
 from uav_mission_manager.policy.prediction import Prediction

@@ -7,7 +7,7 @@ import os
 import random
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +17,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from uav_mission_manager.cli.demo.flight import DemoFlight
-from uav_mission_manager.cli.demo.scenarios import Wait, case_one, own_mission, three_goals
+from uav_mission_manager.cli.demo.missions import DemoMission, mission_of, shipped_missions
+from uav_mission_manager.cli.demo.page import serve_page
 from uav_mission_manager.cli.demo.stack import Stack
 from uav_mission_manager.cli.demo.view import View
 from uav_mission_manager.cli.errors import (
@@ -26,50 +27,17 @@ from uav_mission_manager.cli.errors import (
     one_line_errors,
     undisturbed,
 )
-from uav_mission_manager.echo import quoted, shown
-from uav_mission_manager.mdp import Mission, StateSpace, load_mission
+from uav_mission_manager.echo import quoted
+from uav_mission_manager.mdp import Mission, StateSpace
 from uav_mission_manager.mdp.fields import positive
 from uav_mission_manager.nodes.transport import without_shared_memory
-from uav_mission_manager.paths import share_directory
-from uav_mission_manager.policy import build_policy, load_policy
-
-MAX_STEP_TIME = 60.0
-"""Time [s] that each step of a scenario may take: a choice."""
-
-MAX_GOAL_TIME = 3600.0
-"""Simulated time [s] that each goal of a mission of one's own may take: a choice, beyond any task
-that a battery lasts for."""
+from uav_mission_manager.onboard.recording import bag_names, require_rosbags
 
 MAX_WATCH_TIME = 45.0
 """Time [s] to watch the vehicle come home by itself after a process has ended: a choice."""
 
 MAX_BLIND_TIME = 10.0
 """The same [s] where nothing can be seen of the vehicle any more: a choice."""
-
-
-@dataclass(frozen=True)
-class DemoMission:
-    """What the demo flies.
-
-    Attributes
-    ----------
-    title, folder : str
-        What it is called on the screen, and among the logs.
-    script : callable
-        What happens, see `scenarios`.
-    mission : Mission
-    policy : path or None
-        The policy set built from it; None where it is still to be built.
-    limit : float
-        Time [s] that each step of the script may take.
-    """
-
-    title: str
-    folder: str
-    script: Callable[[DemoFlight], Iterator[Wait]]
-    mission: Mission
-    policy: Path | None = None
-    limit: float = MAX_STEP_TIME
 
 
 @dataclass(frozen=True)
@@ -109,7 +77,18 @@ def _parser() -> CommandParser:
         default=8.0,
         help='simulated seconds per second; default: %(default)g',
     )
+    parser.add_argument(
+        '--no-page', action='store_true', help='do not serve the page of the console'
+    )
     parser.add_argument('--logs', type=Path, help='directory for the logs; default: a new one')
+    recording = parser.add_mutually_exclusive_group()
+    recording.add_argument(
+        '--record',
+        type=Path,
+        metavar='DIR',
+        help='directory for the bags, one a mission; default: that of the logs',
+    )
+    recording.add_argument('--no-record', action='store_true', help='make no bags')
     return parser
 
 
@@ -125,48 +104,49 @@ def _demonstrate(options: argparse.Namespace) -> int:
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_DOMAIN_ID', str(random.randint(1, 100)))
     logs = options.logs or Path(tempfile.mkdtemp(prefix='uav-demo-'))
-    missions = [_own(options.policy, options.speedup)] if options.policy else _cases()
+    bags = _place_of_bags(options, logs)
+    own = options.policy
+    missions = [mission_of(own, options.speedup)] if own else shipped_missions(logs)
     results: list[FlightResult] = []
-    for mission in missions:
-        results.append(_fly(mission, logs / mission.folder, options.speedup))
-        if not results[-1].good:
-            break
+    without_shared_memory()
+    with ExitStack() as page:
+        if not options.no_page:
+            policies = [mission.policy for mission in missions]
+            print(page.enter_context(serve_page(policies, logs)), flush=True)
+        for mission in missions:
+            folder = mission.folder
+            bag = bags and next(place for place in bag_names(bags / folder) if not place.exists())
+            results.append(_fly(mission, logs / folder, options.speedup, bag))
+            if not results[-1].good:
+                break
     _summarise(results, logs)
+    if bags is not None:
+        print(f'bags: {bags}; see mission_replay {bag} --policy {mission.policy}')
     return 0 if all(result.good for result in results) else 1
 
 
-def _cases() -> list[DemoMission]:
-    config = share_directory() / 'config'
-    one, three = (load_mission(config / f'{name}.yaml') for name in ('case_one', 'case_study'))
-    return [
-        DemoMission('Case I: one goal', 'case_one', case_one, one),
-        DemoMission('Three goals', 'case_study', three_goals, three),
-    ]
+def _place_of_bags(options: argparse.Namespace, logs: Path) -> Path | None:
+    """Where to record the flights, None for nowhere."""
+    if options.no_record:
+        return None
+    try:
+        require_rosbags()
+    except ValueError as error:
+        if options.record is not None:
+            raise ValueError(f'--record: {error}') from error
+        print(f'not recorded: {error}')
+        return None
+    return options.record or logs / 'bags'
 
 
-def _own(policy: Path, speedup: float) -> DemoMission:
-    """Return the mission that a policy set was built from, if it can be flown."""
-    mission = load_policy(policy).mission
-    for field, value in (('grid.origin', mission.grid.origin), ('energy', mission.energy)):
-        if value is None:
-            raise ValueError(f'{shown(policy)}: {field}: is missing in its mission; needed to fly')
-    limit = max(MAX_GOAL_TIME / speedup, MAX_STEP_TIME)
-    title = f'Mission {shown(mission.name)}'
-    return DemoMission(title, 'mission', own_mission, mission, policy, limit)
-
-
-def _fly(planned: DemoMission, logs: Path, speedup: float) -> FlightResult:
-    """Build the policy, start the processes and fly one mission."""
+def _fly(planned: DemoMission, logs: Path, speedup: float, bag: Path | None) -> FlightResult:
+    """Start the processes and fly one mission."""
     start = time.monotonic()
     mission, title = planned.mission, planned.title
     logs.mkdir(parents=True, exist_ok=True)
     mission_file = logs / 'mission.yaml'
     mission_file.write_text(yaml.safe_dump(mission.to_dict()))
-    policy = planned.policy or logs / 'policy'
-    if planned.policy is None:
-        build_policy(mission).save(policy)
-    stack = Stack(mission_file, policy, logs, speedup)
-    without_shared_memory()
+    stack = Stack(mission_file, planned.policy, logs, speedup, bag)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     executor = SingleThreadedExecutor()
     try:
@@ -175,6 +155,8 @@ def _fly(planned: DemoMission, logs: Path, speedup: float) -> FlightResult:
         flight = DemoFlight(mission, stack.crew_connection, view)
         executor.add_node(flight)
         stack.start(_origin(mission), mission.energy.speed if mission.energy else None)
+        if bag is not None:
+            view.event(f'recorded in {bag}')
         view.event('pids ' + ', '.join(f'{n} {p.pid}' for n, p in stack.processes.items()))
         failure = _play(planned, flight, stack, executor)
         achieved = len(flight.asked & set(flight.completed))
@@ -193,6 +175,7 @@ def _play(
     planned: DemoMission, flight: DemoFlight, stack: Stack, executor: SingleThreadedExecutor
 ) -> str:
     """Play the script to its end; return what went wrong, if anything."""
+    recording = True
     for what, reached in planned.script(flight):
         limit = time.monotonic() + planned.limit
         while not reached():
@@ -203,6 +186,9 @@ def _play(
                 flight.view.event(f'ended: {who}; watching what the rest does')
                 _watch(flight, stack, executor)
                 return f'{who} ended while waiting for {what}'
+            if recording and stack.recording_failed:
+                recording = False
+                flight.view.event(f'no longer recorded: see mission_record.log in {stack.logs}')
             if time.monotonic() > limit:
                 return f'no sign of {what} within {planned.limit:.0f} s'
     return ''

@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 from uav_mission_manager.nodes.background import dying_with_parent
@@ -32,6 +33,9 @@ MANAGER_PARAMETERS = {'command_dwell': 0.5}
 ALONE = {'listening_time': 0.0}
 """Parameters of nodes that are alone in their namespace."""
 
+RECORDER = 'mission_record'
+"""The process that nobody depends on."""
+
 
 class Stack:
     """Starts the processes of one mission, watches them and ends them.
@@ -44,9 +48,14 @@ class Stack:
         Directory for the log files, one for each process.
     speedup : float
         Simulated seconds per second.
+    bag : path, optional
+        Where to record it; None for nowhere.
     """
 
-    def __init__(self, mission: Path, policy: Path, logs: Path, speedup: float) -> None:
+    def __init__(
+        self, mission: Path, policy: Path, logs: Path, speedup: float, bag: Path | None = None
+    ) -> None:
+        self._bag = bag
         self.mission, self.policy, self.logs, self.speedup = mission, policy, logs, speedup
         logs.mkdir(parents=True, exist_ok=True)
         # New for each flight: what is there now would be gone on with by the nodes.
@@ -62,6 +71,8 @@ class Stack:
 
         `origin` is the home position, latitude,longitude,altitude; `speed` the cruise speed [m/s].
         """
+        if self._bag is not None:
+            self._start_node(RECORDER, bag=self._bag)
         self._start(
             'sim_autopilot',
             'autopilot.sim_autopilot',
@@ -83,21 +94,19 @@ class Stack:
         self._start_node('base_station', **mission, **ALONE)
 
     def ended(self) -> dict[str, int]:
-        """Exit codes of the processes that are no longer there, by name."""
+        """Exit codes of the processes of the chain that are no longer there, by name."""
         codes = {name: process.poll() for name, process in self.processes.items()}
-        return {name: code for name, code in codes.items() if code is not None}
+        return {n: code for n, code in codes.items() if code is not None and n != RECORDER}
+
+    @property
+    def recording_failed(self) -> bool:
+        """Whether nothing is recorded any more that should be."""
+        recorder = self.processes.get(RECORDER)
+        return recorder is not None and recorder.poll() is not None
 
     def stop(self) -> None:
         """End everything, the vehicle last."""
-        for process in reversed(self.processes.values()):
-            if process.poll() is None:
-                process.send_signal(signal.SIGINT)
-        for process in self.processes.values():
-            try:
-                process.wait(STOP_TIMEOUT)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+        end_processes(reversed(self.processes.values()))
 
     def _start_node(self, name: str, **parameters: object) -> None:
         assignments = [
@@ -108,17 +117,41 @@ class Stack:
         self._start(name, f'nodes.{name}', '--ros-args', '-r', f'__ns:={NAMESPACE}', *assignments)
 
     def _start(self, name: str, module: str, *arguments: str) -> None:
-        with (self.logs / f'{name}.log').open('wb') as log:
-            # In a session of its own, for Ctrl-C to reach the demo alone, which ends the rest.
-            self.processes[name] = subprocess.Popen(
-                [sys.executable, '-m', f'uav_mission_manager.{module}', *arguments],
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                stdin=subprocess.DEVNULL,
-                start_new_session=True,
-                env={**os.environ, 'PYTHONUNBUFFERED': '1', 'ROS_HOME': self._ros_home},
-                preexec_fn=dying_with_parent(),
-            )
+        log = self.logs / f'{name}.log'
+        self.processes[name] = start_process(log, self._ros_home, module, *arguments)
+
+
+def start_process(
+    log: Path, ros_home: str, module: str, *arguments: str
+) -> subprocess.Popen[bytes]:
+    """Start a module of this package, which writes into a file and dies with this process.
+
+    It is in a session of its own, for Ctrl-C to reach the demo alone, which ends the rest.
+    """
+    with log.open('wb') as output:
+        return subprocess.Popen(
+            [sys.executable, '-m', f'uav_mission_manager.{module}', *arguments],
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+            env={**os.environ, 'PYTHONUNBUFFERED': '1', 'ROS_HOME': ros_home},
+            preexec_fn=dying_with_parent(),
+        )
+
+
+def end_processes(processes: Iterable[subprocess.Popen[bytes]]) -> None:
+    """End processes, all at once; one that does not is killed."""
+    running = list(processes)
+    for process in running:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+    for process in running:
+        try:
+            process.wait(STOP_TIMEOUT)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
 
 
 def _free_udp_ports(count: int) -> list[int]:

@@ -116,6 +116,11 @@ def outline(grid: Grid) -> tuple[Point, ...]:
     return corners(grid, 0, grid.q - 1)
 
 
+def onsets(mission: Mission) -> dict[int, float]:
+    """Cells with a chance of threats of their own, that differs from the ordinary one."""
+    return {cell: p for cell, p in mission.threat.zones if p != mission.threat.onset}
+
+
 def reaches(mission: Mission) -> list[Reach]:
     """Return the reach of each of `RING_CHARGES` that has any."""
     grid, energy = mission.grid, mission.energy
@@ -124,14 +129,14 @@ def reaches(mission: Mission) -> list[Reach]:
     base, service = grid.position(grid.base), grid.position(grid.service)
     ranges = {charge: flight_range(energy, charge) for charge in RING_CHARGES}
     return [
-        Reach(charge, distance, _ellipse(base, service, distance))
+        Reach(charge, distance, ellipse(base, service, distance))
         for charge, distance in ranges.items()
         if distance > math.dist(base, service)
     ]
 
 
-def _ellipse(focus: Point, other: Point, distance: float) -> tuple[Point, ...]:
-    """All points whose distances to two points sum to this one."""
+def ellipse(focus: Point, other: Point, distance: float) -> tuple[Point, ...]:
+    """All points whose distances [m] to two points sum to this one, see `RING_POINTS`; closed."""
     east, north = (other[0] - focus[0]) / 2, (other[1] - focus[1]) / 2
     middle, apart = (focus[0] + east, focus[1] + north), math.hypot(east, north)
     turn = math.atan2(north, east)

@@ -1,0 +1,261 @@
+"""What was heard of one vehicle, each thing with its time: immutable, changed by pure functions.
+
+A thread that reads one `Heard` sees one moment, whatever arrives meanwhile.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Generic, TypeVar
+
+from uav_mission_manager.echo import shown
+
+MOST_EPOCHS_KEPT = 1000
+"""Epochs of the timeline, at most: a choice, two hours and more of a flight."""
+
+MOST_LINES_KEPT = 200
+"""Lines of the log, at most: a choice."""
+
+MOST_TRAIL_POINTS = 400
+"""Points of the trail, at most: a choice."""
+
+TRAIL_STEP = 2.0
+"""Distance [m] between two points of the trail: a choice, below a pixel on most maps."""
+
+TRAIL_BREAK = 50.0
+"""Distance [m] between two positions from which the trail begins anew: a choice, no vehicle flies
+so far between two messages."""
+
+T_co = TypeVar('T_co', covariant=True)
+
+
+SHORTEST_STATE = 7
+"""Variables of the state of a mission with one goal."""
+
+
+@dataclass(frozen=True)
+class Noted(Generic[T_co]):
+    """A value, and when it was true [s]."""
+
+    value: T_co
+    at: float
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where the vehicle is: east, north and height [m] in `map`, heading [rad] from north."""
+
+    east: float
+    north: float
+    height: float
+    heading: float
+
+
+@dataclass(frozen=True)
+class HeardDecision:
+    """What the manager says on its topic `decision`.
+
+    Attributes
+    ----------
+    state : tuple of int
+        [f r.. g.. l c t m]; empty where it decided nothing.
+    command : str
+        Empty where it commands nothing.
+    runner_up : str
+        The second best command; empty if there is none.
+    values : tuple of float
+        Q of each action; inf where not allowed.
+    margin, lower_bound, upper_bound : float
+    digest : str
+        Of the policy set.
+    refused_goals : str
+    reason : str
+    """
+
+    reason: str
+    digest: str = ''
+    refused_goals: str = 'none'
+    state: tuple[int, ...] = ()
+    command: str = ''
+    runner_up: str = ''
+    values: tuple[float, ...] = ()
+    margin: float = math.inf
+    lower_bound: float = math.nan
+    upper_bound: float = math.inf
+
+
+@dataclass(frozen=True)
+class HeardBridge:
+    """What the bridge says of itself in the diagnostics.
+
+    Attributes
+    ----------
+    phase : str
+        Value of an `autopilot.task.Phase`.
+    status : str
+        Why, and all its warnings.
+    link_up : bool
+    mode : str
+        Flight mode of the autopilot.
+    armed : bool
+    goal_at_work : str
+        The goal at which it does what is to be done there, '' for none.
+    """
+
+    phase: str
+    status: str
+    link_up: bool
+    mode: str
+    armed: bool
+    goal_at_work: str = ''
+
+
+@dataclass(frozen=True)
+class LogLine:
+    """A line of the log: time of day, what happened, and how bad: '', `warning` or `danger`."""
+
+    time_of_day: str
+    text: str
+    level: str = ''
+
+
+@dataclass(frozen=True)
+class HeardEpoch:
+    """A decision that differs from the one before, as a column of the timeline."""
+
+    number: int
+    time_of_day: str
+    state: tuple[int, ...]
+    command: str
+
+
+@dataclass(frozen=True)
+class Heard:
+    """All that was heard of one vehicle; None is never heard."""
+
+    pose: Noted[Pose] | None = None
+    trail: tuple[tuple[float, float], ...] = ()
+    batteries: Mapping[str, Noted[float]] = field(default_factory=dict)
+    fault: Noted[str] | None = None
+    threat: Noted[str] | None = None
+    asked: Noted[tuple[int, ...]] | None = None
+    decision: Noted[HeardDecision] | None = None
+    bridge: Noted[HeardBridge] | None = None
+    epochs: tuple[HeardEpoch, ...] = ()
+    log: tuple[LogLine, ...] = ()
+
+    def with_pose(self, pose: Pose, at: float) -> Heard:
+        """Return what is known with a position; one that is not a number is unknown."""
+        if not all(map(math.isfinite, (pose.east, pose.north, pose.height))):
+            return self
+        here, trail = (pose.east, pose.north), self.trail
+        if trail and math.dist(trail[-1], here) > TRAIL_BREAK:
+            trail = ()
+        if not trail or math.dist(trail[-1], here) >= TRAIL_STEP:
+            trail = (*trail, here)[-MOST_TRAIL_POINTS:]
+        return replace(self, pose=Noted(pose, at), trail=trail)
+
+    def with_battery(self, name: str, charge: float, at: float) -> Heard:
+        """Return what is known with a charge from 0 to 1; all else is unknown."""
+        if not 0.0 <= charge <= 1.0:
+            return self
+        return replace(self, batteries={**self.batteries, name: Noted(charge, at)})
+
+    def with_decision(self, decision: HeardDecision, at: float, time_of_day: str) -> Heard:
+        """Return what is known with a decision; one of a new kind begins an epoch."""
+        heard = replace(self, decision=Noted(decision, at))
+        if len(decision.state) != len(last_state(self.epochs)) and decision.state:
+            heard = replace(heard, epochs=())  # Of another mission: its columns say nothing here.
+        last = heard.epochs[-1] if heard.epochs else None
+        if last and (last.state, last.command) == (decision.state, decision.command):
+            return heard
+        number = last.number + 1 if last else 1
+        epoch = HeardEpoch(number, time_of_day, decision.state, decision.command)
+        heard = replace(heard, epochs=(*heard.epochs, epoch)[-MOST_EPOCHS_KEPT:])
+        if last and last.command == decision.command:
+            return heard
+        text, level = f'{decision.command}: {decision.reason}', ''
+        if not decision.command:
+            text, level = f'no command: {decision.reason}', 'warning'
+        return heard.with_line(LogLine(time_of_day, text, level))
+
+    def with_bridge(self, bridge: HeardBridge, at: float, time_of_day: str) -> Heard:
+        """Return what is known with the state of the bridge; a new phase is told."""
+        heard = replace(self, bridge=Noted(bridge, at))
+        last = self.bridge.value if self.bridge else None
+        if last and (last.phase, last.link_up) == (bridge.phase, bridge.link_up):
+            return heard
+        level = '' if bridge.link_up else 'danger'
+        return heard.with_line(LogLine(time_of_day, f'bridge: {bridge.status}', level))
+
+    def with_line(self, line: LogLine) -> Heard:
+        """Return what is known with a line of the log."""
+        line = replace(line, text=shown(line.text, 300))
+        return replace(self, log=(*self.log, line)[-MOST_LINES_KEPT:])
+
+    def with_fault(self, name: str, at: float, time_of_day: str) -> Heard:
+        """Return what is known with a fault mode; a new one is told."""
+        heard = replace(self, fault=Noted(name, at))
+        if self.fault and self.fault.value == name:
+            return heard
+        return heard.with_line(LogLine(time_of_day, f'fault mode {name}'))
+
+    def with_threat(self, level: str, at: float, time_of_day: str) -> Heard:
+        """Return what is known with a threat level; a new one is told."""
+        heard = replace(self, threat=Noted(level, at))
+        if self.threat and self.threat.value == level:
+            return heard
+        return heard.with_line(LogLine(time_of_day, f'threat heard: {level}'))
+
+    def with_asked(self, priorities: tuple[int, ...], at: float, time_of_day: str) -> Heard:
+        """Return what is known with the priorities that are asked for; new ones are told."""
+        heard = replace(self, asked=Noted(priorities, at))
+        if self.asked and self.asked.value == priorities:
+            return heard
+        text = ' '.join(map(str, priorities))
+        return heard.with_line(LogLine(time_of_day, f'asked for: priorities {text}'))
+
+
+def last_state(epochs: tuple[HeardEpoch, ...]) -> tuple[int, ...]:
+    """The last state that was decided in; empty where there is none."""
+    return next((epoch.state for epoch in reversed(epochs) if epoch.state), ())
+
+
+def decision_from(message: str, values: Mapping[str, str]) -> HeardDecision:
+    """Return what a status of the topic `decision` says.
+
+    Raises
+    ------
+    ValueError
+        If a number in it is none, or the state no state.
+    """
+    state = tuple(map(int, values.get('state', '').split()))
+    if state and not (len(state) >= SHORTEST_STATE and state[-2] in range(3)):
+        raise ValueError(f'state {state} is not f, r or b, g of each goal, l, c, t, m')
+    runner_up = values.get('runner_up', 'none')
+    return HeardDecision(
+        reason=shown(message, 400),
+        digest=values.get('policy', ''),
+        refused_goals=values.get('refused_goals', 'none'),
+        state=state,
+        command=values.get('command', ''),
+        runner_up='' if runner_up == 'none' else runner_up,
+        values=tuple(map(float, values.get('values', '').split())),
+        margin=float(values.get('margin', 'inf')),
+        lower_bound=float(values.get('lower_bound', 'nan')),
+        upper_bound=float(values.get('upper_bound', 'inf')),
+    )
+
+
+def bridge_from(message: str, values: Mapping[str, str]) -> HeardBridge:
+    """Return what the bridge's status in the diagnostics says."""
+    return HeardBridge(
+        phase=values.get('phase', ''),
+        status=shown(message, 400),
+        link_up=values.get('link') == 'up',
+        mode=values.get('mode', ''),
+        armed=values.get('armed') == 'True',
+        goal_at_work=values.get('goal_at_work', ''),
+    )

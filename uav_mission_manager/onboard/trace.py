@@ -1,0 +1,240 @@
+"""The manager's trace: all that its decisions follow from, in the order in which it met it.
+
+Each entry is a line of JSON with `run`, which the manager's start gave it, and `number`, one more
+than the last entry's. Its `events` are, in their order:
+
+- `["state", {...}]`: settings, digest of the policy, hash of goals and grid, all that is known.
+- `["hear", TOPIC, TIME, {...}]`: a message was taken, see `HeardInput`.
+- `["step", TIME]` or `["step", TIME, {...}]`: it was decided; with what, if that is new.
+- `["adopt", DIGEST]`, `["reset"]`: another policy set, or goals were reset.
+
+Times are of the manager's steady clock [s]. Floats are written so that they are read as the same.
+"""
+
+from __future__ import annotations
+
+import json
+import uuid
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from uav_mission_manager.onboard.deciding import Refusal
+from uav_mission_manager.onboard.heard_input import HeardInput
+from uav_mission_manager.onboard.inputs import InputError
+from uav_mission_manager.onboard.journal import goals_hash
+from uav_mission_manager.onboard.mission_manager import ManagerSettings, MissionManager
+from uav_mission_manager.policy import Decision, Policy
+
+STATE_PERIOD = 5.0
+"""Time [s] between two states in a trace: a choice, the most of a flight that is not replayed when
+its recording begins in the middle of it."""
+
+RUN_DIGITS = 8
+"""Of the name of a run: a choice, enough to tell the few of a recording apart."""
+
+NOT_UNDERSTOOD = LookupError, TypeError, AttributeError, RecursionError, json.JSONDecodeError
+"""What is raised where an entry is not as it should be."""
+
+RecordedOutcome = dict[str, Any]
+"""What was decided, or `{'refused': REASON}`, as JSON values."""
+
+
+def outcome_values(outcome: Decision | Refusal) -> RecordedOutcome:
+    """Return what a step led to."""
+    if isinstance(outcome, Refusal):
+        return {'refused': outcome.reason}
+    runner_up = outcome.runner_up
+    return {
+        'state': list(outcome.state),
+        'action': outcome.action.number,
+        'runner_up': None if runner_up is None else runner_up.number,
+        'values': list(outcome.values),
+        'margin': outcome.margin,
+    }
+
+
+class TraceWriter:
+    """Collects what a manager meets, for `entry` to write down.
+
+    Parameters
+    ----------
+    core : MissionManager
+    now : float
+        Time [s].
+    """
+
+    def __init__(self, core: MissionManager, now: float) -> None:
+        self._core = core
+        self._run, self._number = uuid.uuid4().hex[:RUN_DIGITS], 0
+        self._events: list[list[Any]] = []
+        self._last: object = None
+        self._keep_state(now)
+
+    def hear(self, heard: HeardInput) -> None:
+        """Say what was taken."""
+        self._events.append(['hear', heard.topic, heard.time, heard.values])
+
+    def step(self, now: float, outcome: Decision | Refusal) -> None:
+        """Say that it was decided at `now` [s], and what."""
+        event: list[Any] = ['step', now]
+        last = self._last
+        if isinstance(outcome, Refusal):
+            self._last = None  # Its words change with the ages in it.
+        else:
+            d = outcome
+            self._last = d.state, d.action, d.runner_up, d.values, d.margin
+        if self._last != last:
+            event.append(outcome_values(outcome))
+        self._events.append(event)
+        if now - self._state_at >= STATE_PERIOD:
+            self._keep_state(now)
+
+    def adopt(self) -> None:
+        """Say that another policy set is in use."""
+        self._events.append(['adopt', self._core.policy.digest])
+
+    def reset(self) -> None:
+        """Say that goals were reset."""
+        self._events.append(['reset'])
+
+    def entry(self) -> str:
+        """Return what there is to write; empty if nothing."""
+        if not self._events:
+            return ''
+        entry = {'run': self._run, 'number': self._number, 'events': self._events}
+        self._number, self._events = self._number + 1, []
+        return json.dumps(entry, separators=(',', ':'), default=list)
+
+    def _keep_state(self, now: float) -> None:
+        self._state_at, policy = now, self._core.policy
+        state = {
+            'settings': asdict(self._core.settings),
+            'policy': policy.digest,
+            'goals': goals_hash(policy.mission),
+            'memory': self._core.snapshot,
+        }
+        self._events.append(['state', state])
+        self._last = ''  # Who begins here does not know it.
+
+
+@dataclass(frozen=True)
+class ReplayedStep:
+    """One decision, as it was and as it is now.
+
+    Attributes
+    ----------
+    now : float
+        When it was decided, on the steady clock of then [s].
+    recorded : dict
+        What the manager decided, see `outcome_values`.
+    replayed : Decision or Refusal
+        What it decides now.
+    """
+
+    now: float
+    recorded: RecordedOutcome
+    replayed: Decision | Refusal
+
+
+@dataclass
+class _Run:
+    """A manager from its start on: what it knew, decided last, and says next."""
+
+    core: MissionManager | None = None
+    recorded: RecordedOutcome | None = None
+    next_number: int = 0
+
+    def skips_to(self, number: int) -> bool:
+        """Go on with an entry; return whether it comes after a gap, so that nothing is known."""
+        gap = number > self.next_number
+        if gap:
+            self.core = self.recorded = None
+        self.next_number = number + 1
+        return gap
+
+    def step(self, now: float, outcome: RecordedOutcome | None = None) -> ReplayedStep:
+        """Decide as it did then."""
+        self.recorded = outcome or self.recorded
+        if self.core is None or self.recorded is None:
+            raise LookupError('a first decision')
+        return ReplayedStep(now, self.recorded, self.core.step(now))
+
+
+class Replay:
+    """Decides anew what a trace tells of, by any policy of the same goals and grid.
+
+    Parameters
+    ----------
+    policy : Policy
+
+    Attributes
+    ----------
+    policies : list of str
+        Digests of the policy sets that were flown, in order.
+    gaps, skipped : int
+        How often entries are missing, and how many decisions no state came before.
+    """
+
+    def __init__(self, policy: Policy) -> None:
+        self._policy = policy
+        self._runs: dict[str, _Run] = {}
+        self.policies: list[str] = []
+        self.gaps = self.skipped = 0
+
+    @property
+    def runs(self) -> int:
+        """How often a manager was started."""
+        return len(self._runs)
+
+    def take(self, text: str) -> Iterator[ReplayedStep]:
+        """Go on with an entry; yield the decisions in it.
+
+        Raises
+        ------
+        ValueError
+            One line: it is no such entry, or of other goals or another grid.
+        """
+        try:
+            entry = json.loads(text)
+            number, run = int(entry['number']), self._runs.setdefault(str(entry['run']), _Run())
+            if number < run.next_number:  # Heard twice.
+                return
+            self.gaps += run.skips_to(number)
+            for kind, *values in entry['events']:
+                if kind == 'state':
+                    self._know(run, *values)
+                elif run.core is None:
+                    self.skipped += kind == 'step'
+                elif kind == 'step':
+                    yield run.step(*values)
+                else:
+                    self._change(run.core, kind, *values)
+        except (*NOT_UNDERSTOOD, InputError) as error:
+            raise ValueError(f'no entry of a trace: {error!r}') from error
+
+    def _know(self, run: _Run, state: dict[str, Any]) -> None:
+        if state['goals'] != goals_hash(self._policy.mission):
+            raise ValueError(
+                'recorded in a mission with other goals or another grid than '
+                f'{self._policy.mission.name}'
+            )
+        self._flown_by(state['policy'])
+        if run.core is None:
+            settings = ManagerSettings(**state['settings'])
+            run.core = MissionManager(self._policy, settings, state['memory'])
+
+    def _flown_by(self, digest: str) -> None:
+        if self.policies[-1:] != [digest]:
+            self.policies.append(digest)
+
+    def _change(self, core: MissionManager, kind: str, *values: Any) -> None:
+        if kind == 'hear':
+            core.take(HeardInput(*values))
+        elif kind == 'adopt':
+            self._flown_by(*values)
+            core.adopt(self._policy)
+        elif kind == 'reset':
+            core.reset_goals()
+        else:
+            raise LookupError(kind)
