@@ -2,6 +2,7 @@
 
     make bench SCRIPTS=benchmarks/solve.py                     one to seven goals, peers for two
     make bench SCRIPTS=benchmarks/solve.py ARGS='--goals 8'    eight goals too
+    make bench SCRIPTS=benchmarks/solve.py ARGS='--charge'     eight and ten goals with one battery
 
 Writes benchmarks.md and scaling.svg. About a quarter of an hour on two idle processors.
 """
@@ -23,6 +24,9 @@ EXPLICIT_GOALS = (1, 2)
 PRECISION_GOALS = 6
 """Most goals that are solved in every precision; more in the default one alone."""
 
+BATTERY_GOALS, MORE_BATTERY_GOALS = (3, 6), (3, 6, 8, 10)
+"""Numbers of goals that are solved with one battery, and with `--charge`."""
+
 REPEATED_GOALS = 5
 """Most goals that are solved several times in every precision; one more in the default one."""
 
@@ -37,6 +41,7 @@ def main() -> int:
         default=7,
         help='most goals, 4 to 8; default: %(default)s',
     )
+    parser.add_argument('--charge', action='store_true', help='one battery with 8 and 10 goals')
     parser.add_argument('--repeats', type=int, default=5, help='of each; default: %(default)s')
     parser.add_argument('--timeout', type=float, default=120, help='of each peer [s]')
     parser.add_argument('--measure', help=argparse.SUPPRESS)
@@ -57,6 +62,12 @@ def _run(options: argparse.Namespace) -> dict[str, Any]:
     return {
         'speeds': _measure('speeds', 300),
         **{precision: _ours(precision, options) for precision in ('mixed', 'double', 'single')},
+        'battery': {
+            k: _measure(
+                'ours', 36_000, k=k, precision='mixed', repeats=_repeats(k, options), battery=True
+            )
+            for k in (MORE_BATTERY_GOALS if options.charge else BATTERY_GOALS)
+        },
         'goal wise': _measure('goal wise', 300, k=3, repeats=options.repeats),
         'peers': {
             (name, k): _measure('peer', options.timeout, k=k, name=name, repeats=options.repeats)
@@ -87,6 +98,10 @@ def _ours(precision: str, options: argparse.Namespace) -> dict[int, dict[str, An
         )
         for k in range(1, most + 1)
     }
+
+
+def _repeats(k: int, options: argparse.Namespace) -> int:
+    return options.repeats if k <= REPEATED_GOALS else 1
 
 
 def _measure(what: str, timeout: float, **arguments: Any) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from parts.alternatives import ALTERNATIVES, Counted
 from parts.compiled import compiled
 from parts.explicit import explicit
 from parts.machine import speeds
-from parts.missions import case_study
+from parts.missions import case_study, with_battery
 from parts.peers import PEERS, TOLERANCE
 from uav_mission_manager.mdp import Mission
 from uav_mission_manager.mdp.arrays import FloatArray, IntArray
@@ -59,9 +59,10 @@ def measure(what: str, arguments: dict[str, Any]) -> dict[str, Any]:
     }[what](**arguments)
 
 
-def ours(k: int, precision: str, repeats: int) -> dict[str, Any]:
-    """The exact solver, the set-up of its tables included."""
-    sub = whole_mission(case_study(k))
+def ours(k: int, precision: str, repeats: int, battery: bool = False) -> dict[str, Any]:
+    """The exact solver, the set-up of its tables included; with range flags or one battery."""
+    mission = case_study(k)
+    sub = whole_mission(with_battery(mission) if battery else mission)
     tolerance = SINGLE_TOLERANCE if precision == 'single' else TOLERANCE
     before = _peak()
     solution, seconds = _timed(

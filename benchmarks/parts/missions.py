@@ -8,6 +8,8 @@ import numpy as np
 
 from uav_mission_manager import load_mission
 from uav_mission_manager.mdp import Mission, mission_from_dict
+from uav_mission_manager.mdp.charge import drain_by_energy
+from uav_mission_manager.mdp.energy import Charge, Range
 from uav_mission_manager.paths import share_directory
 
 MORE_GOALS = (
@@ -32,6 +34,14 @@ def case_study(k: int) -> Mission:
         name = f'goal{number}'
         goals.append(dataclasses.replace(goals[0], name=name, cell=cell, eta=eta, delta=delta))
     return dataclasses.replace(mission, goals=tuple(goals[:k]))
+
+
+def with_battery(mission: Mission, levels: int = 16) -> Mission:
+    """The mission with one battery in place of its range flags; to fly it empty costs 200."""
+    assert mission.energy is not None
+    drain = drain_by_energy(mission.energy, mission.grid.cell_size, levels, noise=0.2)
+    charge = Charge(levels, reserve=0.1, drain=drain, empty_cost=200.0)
+    return dataclasses.replace(mission, range=Range(mission.range.cost, charge=charge))
 
 
 def random_mission(k: int, seed: int) -> Mission:

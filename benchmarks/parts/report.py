@@ -51,6 +51,7 @@ def sections(found: Found) -> list[str]:
     return [
         INTRODUCTION,
         _ours(found),
+        _battery(found['battery']),
         _peers(found),
         _sweep(found),
         _alternatives(found['alternatives']),
@@ -123,6 +124,32 @@ def _ours(found: Found) -> str:
 and so do the bounds. *Plain float64* makes all sweeps in float64. *float32 alone*
 (`--precision single`) stops at {SINGLE_TOLERANCE:g} or where rounding stops it. Its bound assumes
 the worst of every rounding.
+
+{table(head, rows)}"""
+
+
+def _battery(found: Found) -> str:
+    rows = []
+    for k, ours in found.items():
+        if 'error' in ours:
+            rows.append([str(k), ours['error'], *[''] * 5])
+            continue
+        rows.append(
+            [
+                str(k),
+                f'{ours["states"]:,}',
+                f'{states(k):,}',
+                f'**{_seconds(median(ours))}**',
+                _mebibytes(ours['memory']),
+                str(ours['sweeps']),
+                f'±{ours["bound"]:.1g}',
+            ]
+        )
+    head = ['goals', 'states', 'with range flags', 'wall', 'memory', 'sweeps', 'bound']
+    return f"""## One battery
+
+The same missions with [one battery](mission_file.md#one-battery) of 16 levels in place of a range
+flag for each goal: less states from five goals on, and each goal more makes three times as many.
 
 {table(head, rows)}"""
 
