@@ -157,14 +157,18 @@ def value_iteration(
             on_values(iterations, reached)
         return iterations >= max_iterations or bounds.distance <= tolerance
 
+    swept: tuple[Sweeper, SpanBounds] | None = None
     for dtype in _types(sub, precision, values):
         if iterations < max_iterations:
-            model = AxisModel(sub, dtype)
-            sweeper = Sweeper(model, _start(model, values), threads)
-            values = None  # Not to hold two.
-            bounds = sweep(sweeper, stop, last=dtype is PRECISIONS[precision][-1])
+            swept = None  # Not to hold the tables of two.
+            sweeper = _sweeper(sub, dtype, values, threads)
+            values = None
+            swept = sweeper, sweep(sweeper, stop, last=dtype is PRECISIONS[precision][-1])
             values = sweeper.values
-    solution = Solution.at_middle(model, sweeper.values, bounds, iterations, tolerance)
+            del sweeper
+    assert swept is not None
+    sweeper, bounds = swept
+    solution = Solution.at_middle(sweeper.model, sweeper.values, bounds, iterations, tolerance)
     return replace(solution, actions=sweeper.greedy()) if with_actions else solution
 
 
@@ -200,8 +204,10 @@ def sweep(
         span = np.inf if further else bounds.span
 
 
-def _start(model: AxisModel, values: RealArray | None) -> RealArray:
-    return model.zero() if values is None else values.astype(model.dtype)
+def _sweeper(sub: SubMdp, dtype: Any, values: RealArray | None, threads: int) -> Sweeper:
+    """Return a sweeper from W as it is so far, or from 0."""
+    model = AxisModel(sub, dtype)
+    return Sweeper(model, model.zero() if values is None else values.astype(dtype), threads)
 
 
 def _check(tolerance: float, max_iterations: int, precision: str, threads: int | None) -> None:
