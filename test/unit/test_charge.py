@@ -13,6 +13,7 @@ from test_brute_force import assert_bellman, assert_same_q
 
 from uav_mission_manager import build_policy, load_policy
 from uav_mission_manager.cli import mission_simulate, policy_query
+from uav_mission_manager.cli.check.probabilities import probability_findings
 from uav_mission_manager.mdp import MissionError, StateError, StateSpace, mission_from_dict
 from uav_mission_manager.mdp.charge import RangeFlags, charge_level, range_table
 from uav_mission_manager.solver.decomposition.decompose import decompose
@@ -355,3 +356,24 @@ def test_a_forecast_counts_agile_flight_by_its_own_energy(small):
     assert agile.any()
     found = forecast.forecast(flights).means['energy_wh'].value
     assert found == pytest.approx(((6000 * normal + 8100 * agile) / 3600).mean())
+
+
+def findings_of(document):
+    return {finding.field: finding.text for finding in probability_findings(read(document))}
+
+
+def test_mission_check_warns_of_batteries_that_last_too_long_or_too_short():
+    fields = {f'range.charge.drain.{mode} (noise)' for mode in ('normal', 'agile')}
+    assert not fields & set(findings_of(with_charge(case_study(), levels=16)))
+    for drain in ([1.0], [0.0] * 7 + [1.0]):
+        document = with_charge(case_study(), levels=16)
+        document['range']['charge']['drain'] = {'normal': drain, 'agile': drain}
+        found = findings_of(document)
+        assert fields <= set(found)
+    assert found['range.charge.drain.normal (noise)'].startswith('an epoch of flight drains 7 of')
+
+
+def test_mission_check_warns_of_goals_that_no_charge_reaches():
+    document = with_charge(case_study(), levels=16, reserve=0.9)
+    assert {f'goals.{j}.cell' for j in range(3)} <= set(findings_of(document))
+    assert 'goals.0.cell' not in findings_of(with_charge(case_study(), levels=16))

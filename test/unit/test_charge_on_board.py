@@ -14,6 +14,7 @@ from strategies import case_study, with_charge
 from uav_mission_manager import build_policy
 from uav_mission_manager.mdp import ActionKind, StateSpace, mission_from_dict
 from uav_mission_manager.mdp.charge import RangeFlags, flags_at, range_table
+from uav_mission_manager.nodes.flight_plan import speed_differences
 from uav_mission_manager.onboard import ManagerSettings, MissionManager, Situation
 
 LEVELS = 16
@@ -116,3 +117,18 @@ def test_it_flies_a_mission_and_recharges(policy):
     chain.want(2, 2, 2)
     chain.until(lambda: len(chain.completed) == 3, 'three goals completed', 900.0)
     chain.until(lambda: not chain.armed, 'landed', 300.0)
+
+
+def test_the_bridges_speeds_are_held_against_the_missions():
+    """5 m/s and 50/9 m/s."""
+    energy = MISSION.energy
+    assert speed_differences(MISSION, energy.speed, energy.agile_speed) == []
+    assert speed_differences(MISSION, 6.0, 10.0) == [
+        'cruise_speed is 6 m/s, the mission plans for 5 m/s: make it the same as energy.speed',
+        'agile_speed is 10 m/s, the mission plans for 5.55556 m/s: '
+        'make it the same as energy.agile_speed',
+    ]
+    flagged = mission_from_dict(case_study(), 'test')
+    assert speed_differences(flagged, 5.0, 10.0) == []
+    assert len(speed_differences(flagged, 4.0, 10.0)) == 1
+    assert speed_differences(replace(flagged, energy=None), 4.0, 10.0) == []

@@ -2,9 +2,34 @@
 
 from __future__ import annotations
 
+import math
+
 from uav_mission_manager.autopilot.task import FlightTask
 from uav_mission_manager.goal_task import Waypoint, Waypoints
 from uav_mission_manager.mdp import Action, ActionKind, Mission, Origin
+
+SPEED_TOLERANCE = 0.05
+"""By how much of itself a speed may differ from the planned one untold: a choice."""
+
+
+def speed_differences(mission: Mission, cruise_speed: float, agile_speed: float) -> list[str]:
+    """Say which speeds [m/s] of a bridge are not those that the mission plans for, a line each.
+
+    Agile flight counts where the mission knows what it draws from the battery.
+    """
+    energy = mission.energy
+    if energy is None:
+        return []
+    planned = {'cruise_speed': ('speed', energy.speed, cruise_speed)}
+    if mission.range.charge is not None or energy.agile_speed is not None:
+        faster = energy.agile_speed or energy.speed
+        planned['agile_speed'] = ('agile_speed', faster, agile_speed)
+    return [
+        f'{name} is {flown:g} m/s, the mission plans for {speed:g} m/s: '
+        f'make it the same as energy.{field}'
+        for name, (field, speed, flown) in planned.items()
+        if not math.isclose(flown, speed, rel_tol=SPEED_TOLERANCE)
+    ]
 
 
 class FlightPlan:

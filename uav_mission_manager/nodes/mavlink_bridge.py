@@ -22,7 +22,7 @@ from uav_mission_manager.autopilot.vehicle import mode_name
 from uav_mission_manager.mdp import load_mission
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.clocks import ClockWatch, safety_clock, seconds
-from uav_mission_manager.nodes.flight_plan import FlightPlan
+from uav_mission_manager.nodes.flight_plan import FlightPlan, speed_differences
 from uav_mission_manager.nodes.goal_answers import GoalAnswers
 from uav_mission_manager.nodes.lifecycle import AUTOSTART, FAILURE, ManagedNode
 from uav_mission_manager.nodes.log_limit import LogLimit
@@ -130,6 +130,8 @@ class MavlinkBridge(ManagedNode):
             self._plan = FlightPlan(self._mission, p.flight_altitude)
         except ValueError as error:
             raise ValueError(f'{p.mission}: {error}') from error
+        for text in speed_differences(self._mission, p.cruise_speed, p.agile_speed):
+            self.get_logger().warning(text)
         link = AutopilotLink(
             p.connection,
             source_system=p.source_system,

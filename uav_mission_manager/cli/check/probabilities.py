@@ -5,10 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 
+import numpy as np
+
 from uav_mission_manager.cli.check.finding import Finding
 from uav_mission_manager.cli.check.limits import LIMITS
 from uav_mission_manager.mdp import THREAT_LEVELS, Mission
+from uav_mission_manager.mdp.charge import range_table
+from uav_mission_manager.mdp.dynamics import drain_probabilities
 from uav_mission_manager.mdp.mission import Matrix
+
+FEWEST_EPOCHS = 3
+"""Epochs of flight that a full battery lasts for at the least: a choice, there and back."""
 
 
 def probability_findings(mission: Mission) -> Iterator[Finding]:
@@ -71,6 +78,7 @@ def _completion(mission: Mission) -> Iterator[Finding]:
 def _range(mission: Mission) -> Iterator[Finding]:
     loss = mission.range.loss
     if loss is None:
+        yield from _charge(mission)
         return
     for mode in ('normal', 'agile'):
         if getattr(loss, mode) == 1:
@@ -81,6 +89,23 @@ def _range(mission: Mission) -> Iterator[Finding]:
             'the battery lasts for ever, so nothing is ever recharged; give epoch over endurance'
         )
         yield Finding('range.loss (lasts)', 0.0, text)
+
+
+def _charge(mission: Mission) -> Iterator[Finding]:
+    levels = mission.range.levels
+    for mode, row in zip(('normal', 'agile'), drain_probabilities(mission)):
+        mean = float(row @ np.arange(levels))
+        field = f'range.charge.drain.{mode} (noise)'
+        if mean == 0:
+            text = 'the battery lasts for ever, so nothing is ever recharged; give what is drained'
+            yield Finding(field, 0.0, text)
+        elif mean > levels / FEWEST_EPOCHS:
+            text = f'an epoch of flight drains {mean:.3g} of {levels} levels: make cells smaller'
+            yield Finding(field, mean, text)
+    full = range_table(mission)[:, mission.grid.base, -1]
+    for j in np.flatnonzero(~full).tolist():
+        text = 'out of range from the base even when charged, for the reserve counts for no range'
+        yield Finding(f'goals.{j}.cell', mission.goals[j].cell, text)
 
 
 def _threat(mission: Mission) -> Iterator[Finding]:
