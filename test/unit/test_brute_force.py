@@ -7,7 +7,7 @@ import pytest
 from brute_force import BruteForce, matrices, solve
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strategies import case_study, missions, pick_states
+from strategies import case_study, charged_missions, missions, pick_states
 
 from uav_mission_manager import build_policy
 from uav_mission_manager.mdp import mission_from_dict
@@ -36,7 +36,7 @@ def test_every_q_of_the_case_study_with_one_goal(goal, feasibility):
 
 
 @settings(max_examples=40)
-@given(missions(SMALL, [1]))
+@given(missions(SMALL, [1]) | charged_missions(SMALL, [1]))
 def test_every_q_of_any_mission_with_one_goal(document):
     assert_same_q(document)
 
@@ -68,14 +68,14 @@ def test_bellman_equation_of_the_whole_case_study():
 
 
 @settings(max_examples=25)
-@given(missions(LARGE, [2, 3]), st.integers(0, 2**32 - 1))
+@given(missions(LARGE, [2, 3]) | charged_missions(LARGE, [2, 3]), st.integers(0, 2**32 - 1))
 def test_bellman_equation_of_any_larger_mission(document, seed):
     policy = exact(document)
     assert_bellman(document, policy, pick_states(policy.space, 4, seed))
 
 
 @settings(max_examples=10)
-@given(missions(SMALL, [1]))
+@given(missions(SMALL, [1]) | charged_missions(SMALL, [1]))
 def test_reference_probabilities_sum_to_one(document):
     _, rows, _ = matrices(BruteForce(document))
     np.testing.assert_allclose(rows.sum(axis=1), 1.0, rtol=0, atol=1e-12)

@@ -12,7 +12,7 @@ import re
 import pytest
 import yaml
 from hypothesis import given
-from strategies import CASE_STUDY, case_study, missions
+from strategies import CASE_STUDY, case_study, charged_missions, missions
 
 from uav_mission_manager.mdp import MissionError, load_mission, mission_from_dict
 from uav_mission_manager.paths import share_directory
@@ -32,6 +32,7 @@ OPTIONAL_WITHIN = [
     *(('threat', 'zones', cell) for cell in (0, 1, 2, 6)),
 ]
 WHOLE = [*(('grid', name) for name in ('rows', 'cols', 'base', 'service')), ('goals', 0, 'cell')]
+GRIDS = [(1, 1), (2, 3), (4, 5)]
 TEXT = {('name',), ('goals', 0, 'name')}
 
 
@@ -463,7 +464,7 @@ def test_mission_holds_what_its_file_says_and_has_its_hash(file):
     assert mission.digest() == hashlib.sha256(text.encode()).hexdigest()
 
 
-@given(missions([(1, 1), (2, 3), (4, 5)], [1, 2, 5]))
+@given(missions(GRIDS, [1, 2, 5]) | charged_missions(GRIDS, [1, 2, 5]))
 def test_round_trip(document):
     mission = mission_from_dict(document, 'test')
     assert mission_from_dict(mission.to_dict(), 'test') == mission

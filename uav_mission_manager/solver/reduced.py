@@ -61,6 +61,8 @@ class ReducedMission:
         P(t' | t) of T threat levels on arrival in each cell.
     faults : float array (5, 8, 8)
         P(f' | f) in each regime.
+    charge : float array (5, levels, levels)
+        P(b' | b) in each regime.
     conditions : float array (5, Z, Z)
         P(z' | z) in each regime.
     goals : float array (5, n, X, X)
@@ -108,9 +110,9 @@ class ReducedMission:
 
     def _dynamics(self, mission: Mission) -> None:
         self.faults = dynamics.fault_matrices(mission)
-        charge = dynamics.charge_matrices(mission)
-        self.conditions = np.array([np.kron(f, b) for f, b in zip(self.faults, charge)])
-        self.defect = float(np.abs(charge.sum(axis=-1) - 1).max())
+        self.charge = dynamics.charge_matrices(mission)
+        self.conditions = np.array([np.kron(f, b) for f, b in zip(self.faults, self.charge)])
+        self.defect = float(np.abs(self.charge.sum(axis=-1) - 1).max())
         ranges = dynamics.range_matrices(mission)
         priorities = dynamics.priority_matrices(mission)[list(self.sub.goals)]
         self.goals = np.empty((len(ranges), self.n, self.x_values, self.x_values))
@@ -118,7 +120,6 @@ class ReducedMission:
             self.goals[regime, slot] = np.kron(priorities[slot], ranges[regime])
         achieved = np.array([[1.0, 0.0, 0.0]] * 3)
         self.completed = np.array([np.kron(achieved, r) for r in ranges])
-        self._drains = charge[:2]
 
     def _goal_tables(self) -> None:
         """Tables (n, cells, levels, X) of what x_j costs, saves and allows."""
@@ -136,7 +137,7 @@ class ReducedMission:
         none = np.zeros((1, *savings.shape[1:]))
         self._savings_or_none = self._by_cell(np.concatenate([savings, none]))
         after = _expected(self.goals[:2, :, None, None], savings)
-        drains = self._drains[:, None, None, None]
+        drains = self.charge[:2, None, None, None]
         after = _expected(drains, after.swapaxes(-1, -2)).swapaxes(-1, -2)
         self.saving = self._by_cell(sub.mission.discount * after)
         self._allowed = self._by_cell(sub.feasibility.by_goal[priorities, flags])

@@ -154,7 +154,8 @@ def _fly(planned: DemoMission, logs: Path, speedup: float, bag: Path | None) -> 
         view.start()
         flight = DemoFlight(mission, stack.crew_connection, view)
         executor.add_node(flight)
-        stack.start(_origin(mission), mission.energy.speed if mission.energy else None)
+        energy = mission.energy
+        stack.start(_origin(mission), *((energy.speed, energy.agile_speed) if energy else ()))
         if bag is not None:
             view.event(f'recorded in {bag}')
         view.event('pids ' + ', '.join(f'{n} {p.pid}' for n, p in stack.processes.items()))

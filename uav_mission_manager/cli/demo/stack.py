@@ -66,10 +66,13 @@ class Stack:
         self._crew = f'127.0.0.1:{crew}'
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
 
-    def start(self, origin: str, speed: float | None = None) -> None:
+    def start(
+        self, origin: str, speed: float | None = None, agile_speed: float | None = None
+    ) -> None:
         """Start everything.
 
-        `origin` is the home position, latitude,longitude,altitude; `speed` the cruise speed [m/s].
+        `origin` is the home position, latitude,longitude,altitude; `speed` and `agile_speed` are
+        the speeds [m/s] in normal and agile flight, the bridge's own where they are None.
         """
         if self._bag is not None:
             self._start_node(RECORDER, bag=self._bag)
@@ -81,12 +84,12 @@ class Stack:
         )
         mission = {'mission': self.mission}
         connection = f'udpin:{self._vehicle}'
-        speeds = {} if speed is None else {'cruise_speed': speed}
+        speeds = {'cruise_speed': speed, 'agile_speed': agile_speed}
         self._start_node(
             'mavlink_bridge',
             connection=connection,
             **mission,
-            **speeds,
+            **{name: value for name, value in speeds.items() if value is not None},
             **BRIDGE_PARAMETERS,
             **ALONE,
         )

@@ -88,7 +88,7 @@ class ClusterMdp:
         numbers = {arrival: number for number, arrival in enumerate(self.arrivals)}
         self.leads = np.array([[numbers[arrival] for arrival in here] for here in found])
         self._merges = [self._merge(here) for here in self.leads]
-        self._exogenous = self._threats_and_conditions()
+        self._exogenous = self._exogenous_matrices()
         # The matrices of x, the largest by far, depend on the regime and the slot alone.
         matrices = self._matrices()
         self._goals = [matrices[to.regime, to.slot] for to in self.arrivals]
@@ -139,16 +139,35 @@ class ClusterMdp:
         numbers, positions = np.unique(leads, return_inverse=True)
         return numbers, self._array((np.arange(len(numbers))[:, None] == positions) * 1.0)
 
-    def _threats_and_conditions(self) -> list[RealArray]:
-        """Discounted P(t', z' | t, z), (Z T, Z T), of each arrival; those alike once."""
+    def _exogenous_matrices(self) -> list[tuple[RealArray, RealArray]]:
+        """Discounted P(t', f' | t, f), (8 T, 8 T), and P(b' | b) of each arrival."""
         reduced, found = self.reduced, dict[tuple[bytes, int], RealArray]()
         discount = self.sub.mission.discount
-        keys = [(reduced.threat[to.cell].tobytes(), to.regime) for to in self.arrivals]
-        for key, arrival in zip(keys, self.arrivals):
+        charges = [self._array(matrix) for matrix in reduced.charge]
+        matrices = []
+        for arrival in self.arrivals:
+            threat, regime = reduced.threat[arrival.cell], arrival.regime
+            key = threat.tobytes(), regime
             if key not in found:
-                matrices = reduced.threat[arrival.cell], reduced.conditions[arrival.regime]
-                found[key] = self._array(discount * np.kron(*matrices))
-        return [found[key] for key in keys]
+                found[key] = self._array(discount * np.kron(threat, reduced.faults[regime]))
+            matrices.append((found[key], charges[regime]))
+        return matrices
+
+    def _later(self, number: int, values: RealArray) -> RealArray:
+        """Discounted expectation over t', f' and b' on an arrival, (X^n, Z T)."""
+        others, charge = self._exogenous[number]
+        if len(charge) == 1:
+            return values @ others.T
+        by_charge = values.reshape(len(values), len(others), -1) @ charge.T
+        return np.matmul(others, by_charge).reshape(values.shape)
+
+    def _earlier(self, number: int, mass: RealArray) -> RealArray:
+        """Adjoint of `_later`."""
+        others, charge = self._exogenous[number]
+        if len(charge) == 1:
+            return mass @ others
+        by_charge = mass.reshape(len(mass), len(others), -1) @ charge
+        return np.matmul(others.T, by_charge).reshape(mass.shape)
 
     def _matrices(self) -> dict[tuple[int, int], list[RealArray]]:
         """P(x' | x), (X^n, X^n), by regime and slot; with a slot also that if it is completed."""
@@ -165,7 +184,7 @@ class ClusterMdp:
         """Discounted E[W'] of each arrival, (arrivals, X^n, Z T), of W over (q, X^n, Z T)."""
         ahead = np.empty((len(self.arrivals), *self.shape[1:]), self.dtype)
         for number, arrival in enumerate(self.arrivals):
-            later = values[arrival.cell] @ self._exogenous[number].T
+            later = self._later(number, values[arrival.cell])
             goals, *completed = self._goals[number]
             np.matmul(goals, later, out=ahead[number])
             for instead in completed:
@@ -224,7 +243,7 @@ class ClusterMdp:
             moved = goals.T @ (arrived[number] - done)
             for instead in completed:
                 moved += instead.T @ done
-            mass[arrival.cell] += moved @ self._exogenous[number]
+            mass[arrival.cell] += self._earlier(number, moved)
         return mass
 
 

@@ -105,7 +105,7 @@ def bound_bytes(mission: Mission, clusters: Sequence[Goals]) -> int:
     size = {goals: levels * actions * values ** len(goals) for goals in shared}
     tables = [levels * values ** len(goals) for goals in clusters]
     moves = sum(11 * values ** (2 * len(goals)) for goals in clusters)
-    moves += len(clusters) * 11 * (levels // mission.grid.q) ** 2
+    moves += len(clusters) * 11 * (8 * len(mission.threat.levels)) ** 2
     psi = sum(size[goals] * (len(holders) + 1) for goals, holders in shared.items())
     largest = sum(sorted(size.values())[-7:]) or max(tables) * actions
     working = processors() * (2 * LARGE_TABLES * largest + 8 * max(tables))
