@@ -2,9 +2,9 @@
 
 ros2 launch uav_mission_manager bringup.launch.py namespace:=uav1 params_file:=/path/to/my.yaml
 
-A node that ends is started again, and goes on as before: its state is in files. With `rviz:=true`
-or `foxglove:=true` it can be watched; those are ROS's own, and have to be installed. One aggregator
-of diagnostics does for all vehicles, so it is started by itself, with config/diagnostics.yaml.
+A node that ends is started again, and goes on as before: its state is in files. `rviz:=true` and
+`foxglove:=true` show the vehicle; these are packages of ROS, to be installed. One aggregator of
+diagnostics does for all vehicles, so it is started by itself, with config/diagnostics.yaml.
 """
 
 from __future__ import annotations

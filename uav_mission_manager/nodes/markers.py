@@ -41,7 +41,7 @@ lowest rate of the manager."""
 LETTERS_A_LINE = 60
 """Letters in a line of the reason: a choice."""
 
-Place = tuple[float, float, float]
+SpacePoint = tuple[float, float, float]
 """East, north and height [m] in `map`."""
 
 Colour = tuple[float, float, float, float]
@@ -84,7 +84,7 @@ class MarkerScene:
         self._digest: str | None = None
         self._still: list[Marker] = []
         self._pose: Pose | None = None
-        self._trail: tuple[Place, ...] = ()
+        self._trail: tuple[SpacePoint, ...] = ()
 
     def move(self, pose: Pose) -> None:
         """Take where the vehicle is; a height that is not known counts as 0."""
@@ -132,7 +132,7 @@ class MarkerScene:
         kind: int,
         colour: Colour,
         size: float,
-        points: Iterable[Place] = (),
+        points: Iterable[SpacePoint] = (),
         number: int = 0,
     ) -> Marker:
         marker = Marker(
@@ -148,14 +148,16 @@ class MarkerScene:
         marker.scale.x = marker.scale.y = marker.scale.z = size
         return marker
 
-    def _text(self, space: str, place: Place, text: str, size: float, number: int = 0) -> Marker:
+    def _text(
+        self, space: str, place: SpacePoint, text: str, size: float, number: int = 0
+    ) -> Marker:
         marker = self._marker(space, Marker.TEXT_VIEW_FACING, WHITE, size, number=number)
         marker.text = text
         return _at(place, marker)
 
     def _cells(self, space: str, colour: Colour, mission: Mission, cells: Iterable[int]) -> Marker:
         """Return whole cells, at the height of their ground."""
-        points: list[Place] = []
+        points: list[SpacePoint] = []
         for first, last, height in _runs(mission.grid, cells):
             ring = [_raised(corner, height) for corner in corners(mission.grid, first, last)]
             points += (*ring[:3], *ring[2:])  # Two triangles.
@@ -278,7 +280,7 @@ def _said(mission: Mission, outcome: Decision | Refusal) -> str:
     return '\n'.join((command, *textwrap.wrap(shown(outcome.reason), LETTERS_A_LINE)))
 
 
-def _at(place: Place, marker: Marker) -> Marker:
+def _at(place: SpacePoint, marker: Marker) -> Marker:
     position = marker.pose.position
     position.x, position.y, position.z = place
     return marker
@@ -300,9 +302,9 @@ def _runs(grid: Grid, cells: Iterable[int]) -> Iterator[tuple[int, int, float]]:
         yield run
 
 
-def _raised(point: tuple[float, float], height: float = 0.0) -> Place:
+def _raised(point: tuple[float, float], height: float = 0.0) -> SpacePoint:
     return (*point, height)
 
 
-def _message(place: Place) -> PointMessage:
+def _message(place: SpacePoint) -> PointMessage:
     return PointMessage(x=place[0], y=place[1], z=place[2])
