@@ -99,7 +99,11 @@ def test_the_manager_waits_as_long_as_it_is_told_now(ros: Ros) -> None:
     flight.until_command('repair')
     flight.cell = 2
     ros.until(
-        lambda: flight.decisions[-1].status[0].message.startswith('keeps repair for '), 'dwell'
+        lambda: (
+            flight.decisions
+            and flight.decisions[-1].status[0].message.startswith('keeps repair for ')
+        ),
+        'dwell',
     )
     assert ros.set_parameter('manager', 'command_dwell', 0.0).successful
     flight.until_command('commit goal1 normal')
