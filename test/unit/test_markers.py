@@ -99,6 +99,8 @@ def test_cells_lie_as_the_mission_has_them(bearing):
     ):
         [marker] = shown[f'uav1/{space}']
         assert same(triangles(marker), union_all([squares[cell] for cell in cells]))
+    heights = [shown[f'uav1/{space}'][0].points[0].z for space in ('calm', 'base', 'threat')]
+    assert heights == sorted(set(heights))  # Else they flicker where they overlap.
     assert {marker.text for marker in shown['uav1/base name']} == {'base'}
     assert squares[1].contains(MultiPoint([position(shown['uav1/service name'][0])]))
 

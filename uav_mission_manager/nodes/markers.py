@@ -155,11 +155,19 @@ class MarkerScene:
         marker.text = text
         return _at(place, marker)
 
-    def _cells(self, space: str, colour: Colour, mission: Mission, cells: Iterable[int]) -> Marker:
-        """Return whole cells, at the height of their ground."""
+    def _cells(
+        self,
+        space: str,
+        colour: Colour,
+        grid: Grid,
+        cells: Iterable[int],
+        layer: int = 0,
+    ) -> Marker:
+        """Return whole cells on their ground; what is in a higher layer covers the others."""
         points: list[SpacePoint] = []
-        for first, last, height in _runs(mission.grid, cells):
-            ring = [_raised(corner, height) for corner in corners(mission.grid, first, last)]
+        lift = layer * grid.cell_size / 500.0  # Seen by nobody but the graphics card.
+        for first, last, height in _runs(grid, cells):
+            ring = [_raised(corner, height + lift) for corner in corners(grid, first, last)]
             points += (*ring[:3], *ring[2:])  # Two triangles.
         return self._marker(space, Marker.TRIANGLE_LIST, colour, 1.0, points)
 
@@ -174,10 +182,10 @@ class MarkerScene:
         for space, colour, more in (('zone', ZONE_COLOUR, True), ('calm', CALM_COLOUR, False)):
             cells = [c for c, onset in zones.items() if (onset > mission.threat.onset) == more]
             if cells:
-                yield self._cells(space, colour, mission, cells)
+                yield self._cells(space, colour, grid, cells)
         stations = ('base', BASE_COLOUR, grid.base), ('service', SERVICE_COLOUR, grid.service)
         for number, (space, colour, cell) in enumerate(stations):
-            yield self._cells(space, colour, mission, [cell])
+            yield self._cells(space, colour, grid, [cell], 1)
             row, col = divmod(cell, grid.cols)
             below = row + 0.25 + 0.15 * number  # A goal there, and each other.
             place = *grid.at(col, below), grid.ground(cell)
@@ -225,7 +233,7 @@ class MarkerScene:
 
     def _threat(self, situation: Situation) -> Iterator[Marker]:
         colour = THREAT_COLOURS[situation.threat]
-        yield self._cells('threat', colour, situation.mission, [situation.cell])
+        yield self._cells('threat', colour, situation.mission.grid, [situation.cell], 2)
 
     def _range(self, mission: Mission, charge: float | None) -> Marker:
         """Return where the vehicle may go and still reach the service cell, as a ring."""
