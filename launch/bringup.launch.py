@@ -2,7 +2,9 @@
 
 ros2 launch uav_mission_manager bringup.launch.py namespace:=uav1 params_file:=/path/to/my.yaml
 
-A node that ends is started again, and goes on as before: its state is in files.
+A node that ends is started again, and goes on as before: its state is in files. `rviz:=true` and
+`foxglove:=true` show the vehicle; these are packages of ROS, to be installed. One aggregator of
+diagnostics does for all vehicles, so it is started by itself, with config/diagnostics.yaml.
 """
 
 from __future__ import annotations
@@ -36,6 +38,12 @@ ARGUMENTS = {
     'allow_arming': ('', 'true: the bridge may arm and take off'),
     'state_dir': ('', 'folder in which the nodes keep what the next ones have to know'),
     'bag': ('', 'folder to record into; empty: it is not recorded'),
+    'rviz': ('false', 'true: RViz shows the vehicle; it needs the package rviz2'),
+    'foxglove': (
+        'false',
+        'true: Foxglove can connect to ws://127.0.0.1:8765, to see all vehicles; it needs the '
+        'package foxglove_bridge',
+    ),
 }
 BOOLEANS = {'true': True, 'false': False}
 NODES = {
@@ -53,6 +61,9 @@ NODES = {
     'mission_record': {'bag': str},
 }
 """Which of the arguments are parameters of which node, and their types."""
+
+SHOWN_TOPICS = ('/manager/markers', '/odom')
+"""What config/mission.rviz shows, in the vehicle's namespace."""
 
 PARAMETER_NAMES = {'system': 'target_system'}
 """Parameters that have another name than the argument."""
@@ -103,6 +114,27 @@ def nodes(context: LaunchContext) -> list[Node]:
     ]
 
 
+def viewers(context: LaunchContext) -> list[Node]:
+    """Return ROS's own programs by which the vehicle is watched."""
+    found = []
+    if given(context, 'rviz', bool):
+        found.append(
+            Node(
+                package='rviz2',
+                executable='rviz2',
+                namespace=given(context, 'namespace') or '',
+                arguments=['-d', f'{share_directory()}/config/mission.rviz'],
+                remappings=[(topic, topic.lstrip('/')) for topic in SHOWN_TOPICS],
+            )
+        )
+    if given(context, 'foxglove', bool):
+        here = {'address': '127.0.0.1', 'port': 8765}
+        found.append(
+            Node(package='foxglove_bridge', executable='foxglove_bridge', parameters=[here])
+        )
+    return found
+
+
 def generate_launch_description() -> LaunchDescription:
     """Describe the processes; every argument has a default."""
     return LaunchDescription(
@@ -112,5 +144,6 @@ def generate_launch_description() -> LaunchDescription:
                 for name, (default, text) in ARGUMENTS.items()
             ),
             OpaqueFunction(function=nodes),
+            OpaqueFunction(function=viewers),
         ]
     )

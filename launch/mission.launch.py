@@ -48,6 +48,11 @@ ARGUMENTS = {
         'file of node parameters; the arguments here override it',
     ),
     'allow_arming': ('false', 'true: the bridge may arm and take off'),
+    'rviz': ('false', 'true: RViz shows the vehicle; it needs the package rviz2'),
+    'foxglove': (
+        'false',
+        'true: Foxglove can connect to ws://127.0.0.1:8765; it needs the package foxglove_bridge',
+    ),
     'simulate': (
         'false',
         'true: start a simulated autopilot at the mission origin, and remember nothing of it',
@@ -75,7 +80,7 @@ def bringup(context: LaunchContext) -> list[IncludeLaunchDescription]:
     system = system_id(context)
     arguments = {
         name: LaunchConfiguration(name).perform(context)
-        for name in ('mission', 'policy', 'params_file', 'allow_arming')
+        for name in ('mission', 'policy', 'params_file', 'allow_arming', 'rviz', 'foxglove')
     }
     arguments |= {
         'namespace': LaunchConfiguration('namespace').perform(context) or f'uav{system}',

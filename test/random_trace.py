@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import random
+from dataclasses import replace
 
 from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS
 from uav_mission_manager.onboard import (
@@ -61,23 +62,30 @@ class Recorded:
         settings = ManagerSettings(settling_time=rng.choice([0.0, 5.0]))
         self._begin(MissionManager(policy, settings))
         for _ in range(STEPS):
-            self._go_on(policy, settings, other)
+            self._go_on(policy, other)
 
     def _begin(self, core: MissionManager) -> None:
         self.core, self.trace = core, TraceWriter(core, self.now)
 
-    def _go_on(self, policy: Policy, settings: ManagerSettings, other: Policy | None) -> None:
+    def _go_on(self, policy: Policy, other: Policy | None) -> None:
         self.now += self.rng.choice([0.01, 0.05, 0.3])
         chance = self.rng.random()
         if chance < 0.002:  # It is killed, and goes on from its journal.
             memory = json.loads(json.dumps(self.core.memory))
-            self._begin(MissionManager(policy, settings, memory))
+            self._begin(MissionManager(policy, self.core.settings, memory))
         elif chance < 0.01:
             self.core.reset_goals()
             self.trace.reset()
         elif chance < 0.02:
             self.core.adopt(other or policy)
             self.trace.adopt()
+        elif chance < 0.025:  # Somebody sets its parameters.
+            times = {
+                name: self.rng.choice([0.1, 1.0, 5.0])
+                for name in ('input_timeout', 'command_dwell', 'settling_time')
+            }
+            self.core.adjust(replace(self.core.settings, **times))
+            self.trace.adjust()
         else:
             goals = [goal.name for goal in policy.mission.goals]
             heard = some_input(self.rng, self.now, goals)

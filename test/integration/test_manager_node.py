@@ -16,6 +16,7 @@ from flights import CASE_STUDY, SHIPPED, Flight, request
 from ros_helpers import ROOT, NodeProcess, Ros
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import String, UInt8MultiArray
+from visualization_msgs.msg import Marker, MarkerArray
 
 from uav_mission_manager import build_policy, load_mission
 from uav_mission_manager.nodes import qos
@@ -108,8 +109,37 @@ def test_decision_says_why(ros: Ros, flight: Flight, manager: NodeProcess) -> No
     assert decision['refused_goals'] == 'none'
     assert 0.0 <= float(decision['age odom [s]']) < 3.0
     assert flight.decisions[-1].status[0].message
-    kinds = {marker.ns for marker in flight.markers[-1].markers}
-    assert kinds == {'grid', 'goal', 'name', 'threat', 'target', 'uav'}
+    assert flight.decisions[-1].status[0].hardware_id == 'vehicle'
+    assert decision['goal3 priority'] == 'high'
+    assert float(decision[f'cost of {decision["command"]}']) == pytest.approx(min(values))
+
+
+def test_markers_show_where_it_is_and_what_it_does(
+    ros: Ros, flight: Flight, manager: NodeProcess
+) -> None:
+    flight.ask([2, 0, 0], 'a')
+    flight.cell = 5
+    flight.until_command('commit goal1 normal')
+
+    def shown(space: str) -> Marker:
+        return next(m for m in flight.markers[-1].markers if m.ns == space)
+
+    said = 'commit goal1 normal\ngoal1 has high priority'
+    ros.until(lambda: shown('command').text.startswith(said), 'the reason')
+    ros.until(lambda: shown('vehicle').pose.position.x == 50.0, 'the vehicle in its cell')
+    assert shown('vehicle').pose.position.y == -50.0
+    assert {marker.action for marker in flight.markers[-1].markers} == {Marker.ADD}
+
+
+def test_a_vehicle_in_a_namespace_is_called_by_it_everywhere(ros: Ros) -> None:
+    ros.start('nodes.manager', '--ros-args', '-r', '__ns:=/fleet/uav1')
+    markers = ros.listen('fleet/uav1/manager/markers', MarkerArray, qos.LATCHED)
+    diagnostics = ros.listen('/diagnostics', DiagnosticArray, qos.RELIABLE)
+    ros.until(lambda: markers and diagnostics, 'what it says')
+    first, *rest = markers[0].markers
+    assert first.action == Marker.DELETEALL
+    assert {marker.ns.rpartition('/')[0] for marker in rest} == {'fleet/uav1'}
+    assert {status.hardware_id for status in diagnostics[-1].status} == {'fleet/uav1'}
 
 
 def test_fault_and_low_battery_send_it_to_service(flight: Flight, manager: NodeProcess) -> None:

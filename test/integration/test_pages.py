@@ -50,6 +50,7 @@ NOT_HERE = (
     'mavproxy.py ',
     'ros2 bag ',  # No ROS wheel has it.
     'rviz2',
+    'ros2 run diagnostic_aggregator ',
 )
 SHELL = ('cat ', 'mkdir ', 'sed ')
 """Commands that bash runs as they are."""

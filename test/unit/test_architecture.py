@@ -26,7 +26,7 @@ ALLOWED = {
     'autopilot': {'pymavlink'},
     'drawing': {'mdp', 'onboard'},
     'console': {'mdp', 'solver', 'policy', 'onboard', 'autopilot', 'drawing'},
-    'nodes': {'mdp', 'solver', 'policy', 'onboard', 'autopilot', 'console', 'ros'},
+    'nodes': {'mdp', 'solver', 'policy', 'onboard', 'autopilot', 'drawing', 'console', 'ros'},
     'cli': {
         *('mdp', 'solver', 'policy', 'onboard', 'autopilot', 'drawing', 'console', 'nodes'),
         *('ros', 'pymavlink'),

@@ -156,6 +156,30 @@ def test_interrupted_while_its_modules_are_imported(command):
     assert len(errors.splitlines()) == (process.returncode != 0)
 
 
+@pytest.mark.parametrize('signals', [0, 1])
+def test_a_library_that_takes_an_interruption_for_a_missing_module(signals):
+    """NumPy does so where it comes while its compiled parts import others."""
+    program = f"""
+import os
+import signal
+
+import uav_mission_manager.cli
+
+try:
+    for _ in range({signals}):
+        os.kill(os.getpid(), signal.SIGINT)
+except KeyboardInterrupt:
+    pass
+raise ImportError('no datetime')
+"""
+    done = subprocess.run(
+        [sys.executable, '-c', program], cwd=share_directory(), capture_output=True, text=True
+    )
+    assert done.returncode == 1
+    assert (done.stderr == 'interrupted\n') == bool(signals)
+    assert done.stderr.endswith('interrupted\n' if signals else 'ImportError: no datetime\n')
+
+
 @pytest.mark.parametrize(
     ('command', 'arguments'),
     [('policy_build', ['--help']), ('policy_query', [SHIPPED, STATE])],

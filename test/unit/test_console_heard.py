@@ -9,9 +9,6 @@ import pytest
 from uav_mission_manager.console.heard import (
     MOST_EPOCHS_KEPT,
     MOST_LINES_KEPT,
-    MOST_TRAIL_POINTS,
-    TRAIL_BREAK,
-    TRAIL_STEP,
     Heard,
     HeardBridge,
     HeardDecision,
@@ -20,6 +17,7 @@ from uav_mission_manager.console.heard import (
     bridge_from,
     decision_from,
 )
+from uav_mission_manager.drawing.trail import MOST_TRAIL_POINTS, TRAIL_BREAK, TRAIL_STEP
 from uav_mission_manager.mdp import load_mission
 from uav_mission_manager.nodes.reporting import decision_status
 from uav_mission_manager.onboard import Refusal, Situation, format_command

@@ -5,17 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from builtin_interfaces.msg import Time
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from shapely import MultiPoint, Point, Polygon
+from shapely import Point, Polygon
 from shapely.affinity import rotate
 from strategies import case_study
 
 from uav_mission_manager.drawing.places import corners, inner_lines, outline
 from uav_mission_manager.mdp import Grid, MissionError, mission_from_dict
-from uav_mission_manager.nodes.reporting import markers
-from uav_mission_manager.onboard import Situation
 from uav_mission_manager.onboard.place import cell_with_margin, off_grid
 
 GRID = Grid(rows=3, cols=4, base=0, service=1, cell_size=40.0)
@@ -82,15 +79,3 @@ def test_a_mission_file_turns_its_grid():
     document['grid']['bearing'] = 361
     with pytest.raises(MissionError, match=r'test: grid\.bearing: 361 .*-360'):
         mission_from_dict(document, 'test')
-
-
-def test_what_rviz_draws_is_turned_too():
-    plain = mission_from_dict(case_study(), 'test')
-    mission = replace(plain, grid=replace(plain.grid, bearing=30.0))
-    drawn = {marker.ns: marker for marker in markers(Situation(mission), None, Time()).markers}
-    ends = [(point.x, point.y) for point in drawn['grid'].points]
-    box = Polygon(outline(mission.grid))
-    assert Polygon(MultiPoint(ends).convex_hull).symmetric_difference(box).area < 1e-6
-    # A turn by -30 degrees about the vertical: cos(-15), sin(-15).
-    turn = drawn['threat'].pose.orientation
-    assert (turn.w, turn.z) == pytest.approx((0.965925826, -0.258819045))

@@ -7,10 +7,12 @@ import shutil
 import sys
 import tempfile
 from importlib import import_module
+from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
 import pytest
+import yaml
 
 from uav_mission_manager.paths import share_directory
 
@@ -204,11 +206,11 @@ def test_bringup_gives_each_node_its_own_parameters_in_their_types(bringup):
 
 
 @pytest.mark.parametrize(
-    'given', [{'system': 'two'}, {'allow_arming': 'yes'}, {'use_respawn': '1'}]
+    'given', [{'system': 'two'}, {'allow_arming': 'yes'}, {'use_respawn': '1'}, {'rviz': 'yes'}]
 )
 def test_bringup_refuses_what_is_no_value(bringup, given):
     with pytest.raises(RuntimeError, match=next(iter(given))):
-        launched(bringup, **given)
+        [*launched(bringup, **given), *watched(bringup, **given)]
 
 
 def test_what_the_launch_files_give_to_nodes_are_parameters_of_theirs(bringup):
@@ -233,4 +235,40 @@ def test_a_launch_file_declares_the_arguments_it_uses_and_starts_commands(stand_
         call.kwargs['function'](defaults(launch_file))
     assert stand_ins == set(launch_file['ARGUMENTS'])
     commands = {path.name for path in (SHARE / 'resource' / 'bin').iterdir()}
-    assert {node['executable'] for node in started if 'executable' in node} <= commands
+    own = [node for node in started if node.get('package') == 'uav_mission_manager']
+    assert {node['executable'] for node in own} <= commands
+    assert len(own) == len(started) - sum('cmd' in process for process in started)
+
+
+def watched(launch_file, **given: str) -> dict[str, dict]:
+    nodes = launch_file['viewers']({**defaults(launch_file), **given})
+    return {node['package']: node for node in nodes}
+
+
+def test_nobody_watches_unless_asked(bringup):
+    assert watched(bringup) == {}
+
+
+def test_rviz_shows_the_vehicle_of_the_namespace(bringup):
+    [rviz] = watched(bringup, rviz='true', namespace='uav2').values()
+    assert (rviz['package'], rviz['executable']) == ('rviz2', 'rviz2')
+    assert rviz['namespace'] == 'uav2'
+    option, path = rviz['arguments']
+    assert option == '-d'
+    shown = yaml.safe_load(Path(path).read_text())['Visualization Manager']['Displays']
+    absolute = {display['Topic']['Value'] for display in shown if 'Topic' in display}
+    # Relative names are in the namespace.
+    assert dict(rviz['remappings']) == {topic: topic.removeprefix('/') for topic in absolute}
+
+
+def test_foxglove_is_heard_on_this_machine_alone(bringup):
+    [bridge] = watched(bringup, foxglove='true', namespace='uav2').values()
+    assert (bridge['package'], bridge['executable']) == ('foxglove_bridge',) * 2
+    assert bridge['parameters'] == [{'address': '127.0.0.1', 'port': 8765}]
+
+
+def test_the_simulation_can_be_watched_too(launch_file):
+    [(path, passed)] = launch_file['bringup']({**defaults(launch_file), 'rviz': 'true'})
+    included = runpy.run_path(path)
+    [rviz] = watched(included, **dict(passed)).values()
+    assert (rviz['package'], rviz['namespace']) == ('rviz2', 'uav1')

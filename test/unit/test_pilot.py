@@ -1132,3 +1132,44 @@ def test_climbing_again_and_again_is_no_progress():
         output = flight.at(50.0, height=17.0 + step % 2 * 3.0).run(0.2)[2]
         phases.add(output.phase)
     assert phases == {Phase.CLIMBING, Phase.EN_ROUTE, Phase.BLOCKED}
+
+
+# Settings changed in flight
+
+
+def test_another_speed_is_ordered_at_once_and_the_leg_goes_on():
+    flight = Flight().order(COMMIT).airborne()
+    assert flight.step().requests == (fly_to(COMMIT),)
+    flight.run(20.0)
+    flight.pilot.site.settings = replace(SETTINGS, cruise_speed=3.0)
+    assert flight.step().requests == (fly_to(COMMIT, 3.0),)
+    assert flight.step().requests == ()
+    # It is no new leg: no progress since its beginning still counts.
+    assert flight.run(SETTINGS.progress_timeout - 19.0)[2].phase is Phase.BLOCKED
+
+
+@pytest.mark.parametrize(
+    ('name', 'task', 'before', 'after'),
+    [
+        ('progress_timeout', COMMIT, Phase.EN_ROUTE, Phase.BLOCKED),
+        ('manager_timeout', None, Phase.EN_ROUTE, Phase.HOLDING),
+    ],
+)
+def test_a_shorter_time_counts_from_when_it_began(name, task, before, after):
+    flight = Flight().order(COMMIT).airborne()
+    flight.step()
+    flight.task = task
+    for _ in range(50):
+        step = flight.step()
+    assert step.phase is before
+    flight.pilot.site.settings = replace(SETTINGS, **{name: 2.0})
+    assert flight.step().phase is after
+
+
+def test_another_dwell_begins_anew():
+    flight = Flight(replace(SETTINGS, goal_dwell=100.0)).order(COMMIT)
+    flight.airborne(100.0)
+    assert flight.run(10.0)[1] == []
+    flight.pilot.site.settings = replace(SETTINGS, goal_dwell=5.0)
+    assert flight.run(4.9)[1] == []
+    assert flight.run(0.3)[1] == ['goal1']

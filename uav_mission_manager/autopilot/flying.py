@@ -7,7 +7,8 @@ from dataclasses import replace
 from uav_mission_manager.autopilot.goal_work import GoalWork
 from uav_mission_manager.autopilot.leg import Leg
 from uav_mission_manager.autopilot.requests import Requests
-from uav_mission_manager.autopilot.task import FlightTask, Phase, PilotOutput, Settings
+from uav_mission_manager.autopilot.site import Site
+from uav_mission_manager.autopilot.task import FlightTask, Phase, PilotOutput
 from uav_mission_manager.autopilot.telemetry import Position
 from uav_mission_manager.autopilot.vehicle import Fly
 from uav_mission_manager.goal_task import Dwell, External
@@ -26,8 +27,8 @@ class TaskFlight:
         Whether a take-off was asked for, whose end is waited for: `progress_timeout` at most.
     """
 
-    def __init__(self, settings: Settings, requests: Requests, work: GoalWork) -> None:
-        self._settings = settings
+    def __init__(self, site: Site, requests: Requests, work: GoalWork) -> None:
+        self._site = site
         self._requests = requests
         self._work = work
         self.taking_off = False
@@ -51,15 +52,16 @@ class TaskFlight:
 
     def over(self, task: FlightTask, position: Position) -> bool:
         """Whether the vehicle is over the destination, and not in a take-off."""
+        radius = self._site.settings.acceptance_radius
         distance = position.distance_to(task.latitude, task.longitude)
-        return distance <= self._settings.acceptance_radius and not self._rising(task, position)
+        return distance <= radius and not self._rising(task, position)
 
     def fly(self, task: FlightTask, position: Position, now: float) -> PilotOutput:
         """Return what to do now; the phase RETURNING says that there is no getting there."""
         if self._rising(task, position):
             if self._rising_since is None:
                 self._rising_since = now
-            if now - self._rising_since <= self._settings.progress_timeout:
+            if now - self._rising_since <= self._site.settings.progress_timeout:
                 return PilotOutput(Phase.TAKE_OFF, task.text)
         self.taking_off, self._rising_since = False, None
         goal, task = task, self._work.target(task)
@@ -72,7 +74,7 @@ class TaskFlight:
 
     def _low(self, task: FlightTask, position: Position) -> bool:
         """Whether the vehicle has to climb before it moves; a climb ends a little higher."""
-        margin = self._settings.height_tolerance / (2.0 if self._climb_point else 1.0)
+        margin = self._site.settings.height_tolerance / (2.0 if self._climb_point else 1.0)
         return position.altitude < task.cruise_altitude - margin
 
     def _travel(self, task: FlightTask, position: Position, now: float) -> PilotOutput:
@@ -91,14 +93,14 @@ class TaskFlight:
         """Over the destination: go to its height, and do there what the goal asks for."""
         self._climb_point = None
         fly = self._to(task, task.altitude)
-        if abs(position.altitude - task.altitude) > self._settings.height_tolerance:
+        if abs(position.altitude - task.altitude) > self._site.settings.height_tolerance:
             return self._advance(fly, fly, Phase.EN_ROUTE, task, position, now)
         self._leg = None
         step = self._requests.ask(fly, Phase.ON_SITE, task.text, now)
         return self._attend(goal, step, now) if goal.goal else step
 
     def _to(self, task: FlightTask, altitude: float) -> Fly:
-        speed = self._settings.agile_speed if task.agile else self._settings.cruise_speed
+        speed = self._site.settings.agile_speed if task.agile else self._site.settings.cruise_speed
         return Fly(task.latitude, task.longitude, altitude, speed)
 
     def _advance(
@@ -116,7 +118,7 @@ class TaskFlight:
         leg = self._leg
         leg.watch(position, now)
         refusals, why = self._requests.refusals(Fly)
-        patience = self._settings.progress_timeout
+        patience = self._site.settings.progress_timeout
         if refusals < REFUSALS_TO_BLOCK:
             why = leg.stuck(patience, now)
         if not why:
@@ -137,7 +139,7 @@ class TaskFlight:
         If the command is still the same 10 s later, the manager has missed that, and it is
         reported again.
         """
-        task = task if task.work else replace(task, work=Dwell(self._settings.goal_dwell))
+        task = task if task.work else replace(task, work=Dwell(self._site.settings.goal_dwell))
         work = self._work
         status = '; '.join(filter(None, (task.text, work.step(task, now))))
         if work.failed:

@@ -48,6 +48,7 @@ class Pilot:
     Parameters
     ----------
     settings : Settings
+        Kept as `site.settings`, which may be replaced in flight.
     ground : callable
         Altitude of the ground above mean sea level [m] at a latitude and longitude [deg].
 
@@ -63,8 +64,7 @@ class Pilot:
     """
 
     def __init__(self, settings: Settings, ground: Callable[[float, float], float]) -> None:
-        self._settings = settings
-        self._site = Site(settings, ground)
+        self.site = Site(settings, ground)
         self.goals_wanted: bool | None = None
         self.active = True
         self._authority = Authority()
@@ -75,9 +75,9 @@ class Pilot:
         self._held = self._returning = self._distrusted = ''  # why
         self._landing = False  # in LAND, by an order from here
         self.work = GoalWork(ground)
-        self._flight = TaskFlight(settings, self._requests, self.work)
+        self._flight = TaskFlight(self.site, self._requests, self.work)
         self._hold_point: Position | None = None
-        self._service = ServiceStop(self._site)
+        self._service = ServiceStop(self.site)
 
     def command(self, task: FlightTask, now: float) -> None:
         """Take a mission command; every repetition is a sign of life of the manager."""
@@ -199,11 +199,11 @@ class Pilot:
             return PilotOutput(Phase.GROUND, 'no mission command yet')
         if position is None:  # It silences the manager too.
             return PilotOutput(Phase.GROUND, f'{task.text}: no position yet')
-        if now - self._heard > self._settings.manager_timeout:
+        if now - self._heard > self.site.settings.manager_timeout:
             return PilotOutput(Phase.GROUND, 'the manager is silent')
-        if far := self._site.too_far(task, position):
+        if far := self.site.too_far(task, position):
             return PilotOutput(Phase.HOLDING, far)
-        if stays := self._site.may_stay(task, position, self.goals_wanted):
+        if stays := self.site.may_stay(task, position, self.goals_wanted):
             serviced = self._service.done(task, position, now)
             return PilotOutput(Phase.GROUND, stays, serviced=serviced)
         self._service.interrupt()
@@ -212,11 +212,11 @@ class Pilot:
     def _arm(
         self, task: FlightTask, telemetry: Telemetry, position: Position, now: float
     ) -> PilotOutput:
-        if not self._settings.allow_arming:
+        if not self.site.settings.allow_arming:
             return self._needs_a_pilot(task)
         if telemetry.failsafe:
             return PilotOutput(Phase.BLOCKED, f'{task.text}: the autopilot is in a failsafe')
-        if wrong := self._site.wrong_datum(position, position.altitude, 'the vehicle'):
+        if wrong := self.site.wrong_datum(position, position.altitude, 'the vehicle'):
             return PilotOutput(Phase.HOLDING, f'{task.text}: {wrong}')
         if telemetry.mode != FlightMode.GUIDED:
             return self._order(FlightMode.GUIDED, Phase.ARMING, task.text, telemetry, now)
@@ -244,10 +244,10 @@ class Pilot:
         if not self.active:
             return self._wait(NOT_ACTIVE, math.inf, telemetry, now)
         if self._distrusted:
-            patience = self._awaited + self._settings.rtl_delay - now
+            patience = self._awaited + self.site.settings.rtl_delay - now
             return self._wait(self._distrusted, patience, telemetry, now)
-        if self._task is None or now - self._heard > self._settings.manager_timeout:
-            timeout = self._settings.manager_timeout + self._settings.rtl_delay
+        if self._task is None or now - self._heard > self.site.settings.manager_timeout:
+            timeout = self.site.settings.manager_timeout + self.site.settings.rtl_delay
             patience = max(self._heard, self._awaited) + timeout - now
             return self._wait('the manager is silent', patience, telemetry, now)
         return self._fly(self._task, telemetry, now)
@@ -256,17 +256,17 @@ class Pilot:
         position = telemetry.fix(now)
         if position is None:
             return PilotOutput(Phase.WAITING, f'{task.text}: no position')
-        if far := self._site.too_far(task, position):
+        if far := self.site.too_far(task, position):
             return self._hold(telemetry, far, now)
         self._hold_point = None
         landing = task.land and telemetry.mode == FlightMode.LAND
-        if landing and self._site.there(task, position):
+        if landing and self.site.there(task, position):
             return PilotOutput(Phase.LANDING, task.text)
         if self._landing and telemetry.failsafe and telemetry.mode == FlightMode.LAND:
             # It may have turned critical since, which the mode would not show.
             return PilotOutput(Phase.LANDING, 'it goes on, for the autopilot is in a failsafe')
         if telemetry.on_ground and (
-            stays := self._site.may_stay(task, position, self.goals_wanted)
+            stays := self.site.may_stay(task, position, self.goals_wanted)
         ):
             return self._stop_motors(Phase.GROUND, stays, telemetry, now)
         if telemetry.mode != FlightMode.GUIDED:
@@ -285,13 +285,13 @@ class Pilot:
         self, task: FlightTask, telemetry: Telemetry, position: Position, now: float
     ) -> PilotOutput:
         """Armed on the ground in GUIDED: take off, or stop the motors that this pilot started."""
-        if not self._settings.allow_arming:
+        if not self.site.settings.allow_arming:
             return self._needs_a_pilot(task)
-        if wrong := self._site.wrong_datum(position, position.home_altitude, 'home'):
+        if wrong := self.site.wrong_datum(position, position.home_altitude, 'home'):
             return self._stay_down(f'{task.text}: {wrong}', telemetry, now)
         if not self._flight.taking_off:
             self._flight.taking_off, self._take_off_at = True, now
-        patience = self._settings.progress_timeout
+        patience = self.site.settings.progress_timeout
         if now - self._take_off_at > patience:
             _, why = self._requests.refusals(TakeOff)
             why = f'no take-off in {patience:.0f} s' + (f': {why}' if why else '')
@@ -332,14 +332,14 @@ class Pilot:
         if telemetry.on_ground:
             return self._stop_motors(Phase.HOLDING, why, telemetry, now)
         position, task = telemetry.fix(now), self._task
-        if position is None or (task is not None and self._site.too_far(task, position)):
+        if position is None or (task is not None and self.site.too_far(task, position)):
             return PilotOutput(Phase.HOLDING, f'{why}; {NO_POSITION_TO_HOLD}')
         self._hold_point = point = self._hold_point or position
         if telemetry.mode != FlightMode.GUIDED:
             return self._order(FlightMode.GUIDED, Phase.HOLDING, why, telemetry, now)
-        ground = self._site.ground(point.latitude, point.longitude)
+        ground = self.site.ground(point.latitude, point.longitude)
         altitude = max(point.altitude, ground + MIN_HOLD_HEIGHT)
-        fly = Fly(point.latitude, point.longitude, altitude, self._settings.cruise_speed)
+        fly = Fly(point.latitude, point.longitude, altitude, self.site.settings.cruise_speed)
         return self._requests.ask(fly, Phase.HOLDING, why, now, position.speed)
 
     def _order(

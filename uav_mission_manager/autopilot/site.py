@@ -9,13 +9,14 @@ from uav_mission_manager.autopilot.task import FlightTask, Settings
 from uav_mission_manager.autopilot.telemetry import Position
 
 
-@dataclass(frozen=True)
+@dataclass
 class Site:
     """Checks of positions against the mission.
 
     Attributes
     ----------
     settings : Settings
+        May be replaced in flight.
     ground : callable
         Altitude of the ground above mean sea level [m] at a latitude and longitude [deg].
     """

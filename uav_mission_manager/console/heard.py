@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Generic, TypeVar
 
+from uav_mission_manager.drawing.places import Point
+from uav_mission_manager.drawing.trail import longer_trail
 from uav_mission_manager.echo import shown
 
 MOST_EPOCHS_KEPT = 1000
@@ -17,16 +19,6 @@ MOST_EPOCHS_KEPT = 1000
 
 MOST_LINES_KEPT = 200
 """Lines of the log, at most: a choice."""
-
-MOST_TRAIL_POINTS = 400
-"""Points of the trail, at most: a choice."""
-
-TRAIL_STEP = 2.0
-"""Distance [m] between two points of the trail: a choice, below a pixel on most maps."""
-
-TRAIL_BREAK = 50.0
-"""Distance [m] between two positions from which the trail begins anew: a choice, no vehicle flies
-so far between two messages."""
 
 T_co = TypeVar('T_co', covariant=True)
 
@@ -136,7 +128,7 @@ class Heard:
     """All that was heard of one vehicle; None is never heard."""
 
     pose: Noted[Pose] | None = None
-    trail: tuple[tuple[float, float], ...] = ()
+    trail: tuple[Point, ...] = ()
     batteries: Mapping[str, Noted[float]] = field(default_factory=dict)
     fault: Noted[str] | None = None
     threat: Noted[str] | None = None
@@ -150,11 +142,7 @@ class Heard:
         """Return what is known with a position; one that is not a number is unknown."""
         if not all(map(math.isfinite, (pose.east, pose.north, pose.height))):
             return self
-        here, trail = (pose.east, pose.north), self.trail
-        if trail and math.dist(trail[-1], here) > TRAIL_BREAK:
-            trail = ()
-        if not trail or math.dist(trail[-1], here) >= TRAIL_STEP:
-            trail = (*trail, here)[-MOST_TRAIL_POINTS:]
+        trail = longer_trail(self.trail, (pose.east, pose.north))
         return replace(self, pose=Noted(pose, at), trail=trail)
 
     def with_battery(self, name: str, charge: float, at: float) -> Heard:

@@ -55,11 +55,16 @@ def bridge_reports(message: Any) -> Iterator[tuple[str, Any]]:
 def _odometry(heard: Heard, message: Any, moment: Moment) -> Heard:
     if message.header.frame_id not in ('', MAP_FRAME):
         raise ValueError(f'frame_id {quoted(message.header.frame_id)} is not {MAP_FRAME!r}')
-    place, turn = message.pose.pose.position, message.pose.pose.orientation
+    return heard.with_pose(pose_of(message), moment.at)
+
+
+def pose_of(odometry: Any) -> Pose:
+    """Return where a vehicle is, and where it heads, by its odometry."""
+    place, turn = odometry.pose.pose.position, odometry.pose.pose.orientation
     yaw = math.atan2(
         2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2)
     )
-    return heard.with_pose(Pose(place.x, place.y, place.z, math.pi / 2.0 - yaw), moment.at)
+    return Pose(place.x, place.y, place.z, math.pi / 2.0 - yaw)
 
 
 def _battery(heard: Heard, message: Any, moment: Moment) -> Heard:

@@ -18,13 +18,20 @@ from uav_mission_manager.mdp.cost import stage_costs
 from uav_mission_manager.mdp.energy import Energy
 from uav_mission_manager.mdp.feasibility import allowed_actions
 from uav_mission_manager.mdp.grid import Grid
-from uav_mission_manager.mdp.mission import FAULT_MODES, THREAT_LEVELS, Goal, Mission
+from uav_mission_manager.mdp.mission import (
+    FAULT_MODES,
+    PRIORITY_LEVELS,
+    THREAT_LEVELS,
+    Goal,
+    Mission,
+)
 from uav_mission_manager.mdp.mission_file import load_mission, mission_from_dict
 from uav_mission_manager.mdp.states import StateError, StateSpace, StateView
 from uav_mission_manager.mdp.tables import MissionError
 
 __all__ = [
     'FAULT_MODES',
+    'PRIORITY_LEVELS',
     'THREAT_LEVELS',
     'Action',
     'ActionKind',

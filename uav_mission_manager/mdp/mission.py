@@ -36,6 +36,9 @@ FAULT_MODES = (
 )
 """Names of f = 1..8: 1 + sensor + 2 actuator + 4 camera, each bit 1 when that part has failed."""
 
+PRIORITY_LEVELS = ('no', 'low', 'high')
+"""Priorities g in words."""
+
 THREAT_LEVELS = ('none', 'low', 'high')
 """Names of t = 0, 1, 2."""
 

@@ -14,8 +14,10 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Header, String, UInt8MultiArray
 from visualization_msgs.msg import MarkerArray
 
+from uav_mission_manager.frames import vehicle_name
 from uav_mission_manager.mdp import Mission
 from uav_mission_manager.nodes import qos, reporting
+from uav_mission_manager.nodes.markers import MarkerScene
 from uav_mission_manager.onboard import Refusal, Situation, format_command
 from uav_mission_manager.policy import Decision
 
@@ -23,12 +25,24 @@ NO_PUBLISHER_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
 """A subscriber that does not suit is told so itself; rclpy looks for each such event before it
 looks for messages, so a command would wait for it."""
 
+UNNAMED_VEHICLE = 'vehicle'
+"""What the diagnostics call the hardware of a vehicle without a namespace."""
+
 
 class CommandOutputs:
-    """Publishes what changed, or everything when it is time to repeat it."""
+    """Publishes what changed, or everything when it is time to repeat it.
+
+    Attributes
+    ----------
+    scene : MarkerScene
+        Is to be told where the vehicle is.
+    """
 
     def __init__(self, node: Node) -> None:
         self._node = node
+        vehicle = vehicle_name(node.get_namespace())
+        self._hardware = vehicle or UNNAMED_VEHICLE
+        self.scene = MarkerScene(vehicle)
         self._command = ''
         self._destination: int | None = None
         self._goals: tuple[int, ...] = ()
@@ -82,12 +96,16 @@ class CommandOutputs:
         """Publish why it was decided so, and the markers."""
         header, name = self._header(), f'{self._node.get_fully_qualified_name()}: decision'
         status = reporting.decision_status(name, outcome, situation, now, digest)
-        target = None if isinstance(outcome, Refusal) else outcome.action.destination
+        status.hardware_id = self._hardware
         self._decision_out.publish(DiagnosticArray(header=header, status=[status]))
-        self._markers_out.publish(reporting.markers(situation, target, header.stamp))
+        charge = reporting.charge_left(situation)
+        markers = self.scene.draw(outcome, situation, charge, digest, header.stamp)
+        self._markers_out.publish(markers)
 
     def diagnose(self, statuses: Sequence[DiagnosticStatus]) -> None:
         """Publish how the node is."""
+        for status in statuses:
+            status.hardware_id = self._hardware
         self._diagnostics_out.publish(DiagnosticArray(header=self._header(), status=statuses))
 
     def trace(self, entry: str) -> None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState, NavSatFix, NavSatStatus
 
 from uav_mission_manager.autopilot.telemetry import BatteryReading, Position
-from uav_mission_manager.frames import BODY_FRAME, MAP_FRAME
+from uav_mission_manager.frames import MAP_FRAME
 from uav_mission_manager.mdp import Origin
 
 
@@ -39,9 +40,9 @@ def battery_state(number: int, battery: BatteryReading, stamp: Time) -> BatteryS
     return message
 
 
-def odometry(position: Position, origin: Origin, stamp: Time) -> Odometry:
-    """Return the position in `map` (ENU), levelled, with the velocity in `base_link`."""
-    message = Odometry(child_frame_id=BODY_FRAME)
+def odometry(position: Position, origin: Origin, frame: str, stamp: Time) -> Odometry:
+    """Return the position in `map` (ENU), levelled, with the velocity in the vehicle's frame."""
+    message = Odometry(child_frame_id=frame)
     message.header.frame_id, message.header.stamp = MAP_FRAME, stamp
     place, turn = message.pose.pose.position, message.pose.pose.orientation
     place.x, place.y = origin.to_local(position.latitude, position.longitude)
@@ -56,11 +57,20 @@ def odometry(position: Position, origin: Origin, stamp: Time) -> Odometry:
     return message
 
 
-def nav_sat_fix(position: Position, has_fix: bool, stamp: Time) -> NavSatFix:
+def transform(odom: Odometry) -> TransformStamped:
+    """Return where the vehicle's frame is in `map`: what odometry says, for tf2."""
+    message = TransformStamped(header=odom.header, child_frame_id=odom.child_frame_id)
+    place, shift = odom.pose.pose.position, message.transform.translation
+    shift.x, shift.y, shift.z = place.x, place.y, place.z
+    message.transform.rotation = odom.pose.pose.orientation
+    return message
+
+
+def nav_sat_fix(position: Position, has_fix: bool, frame: str, stamp: Time) -> NavSatFix:
     """Return the geographic position; its altitude is above mean sea level."""
     message = NavSatFix(
         latitude=position.latitude, longitude=position.longitude, altitude=position.altitude
     )
     message.status.status = NavSatStatus.STATUS_FIX if has_fix else NavSatStatus.STATUS_NO_FIX
-    message.header.frame_id, message.header.stamp = BODY_FRAME, stamp
+    message.header.frame_id, message.header.stamp = frame, stamp
     return message

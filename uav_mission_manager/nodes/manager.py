@@ -50,6 +50,7 @@ PARAMETERS = (
         'above which it is not believed [s]',
         0.1,
         60.0,
+        read_only=False,
     ),
     NodeParameter(
         'range_hysteresis',
@@ -64,6 +65,7 @@ PARAMETERS = (
         'Time for which a command stays before a change that no danger asks for [s]',
         0.0,
         60.0,
+        read_only=False,
     ),
     NodeParameter(
         'settling_time',
@@ -72,6 +74,7 @@ PARAMETERS = (
         'at once [s]',
         0.0,
         60.0,
+        read_only=False,
     ),
     NodeParameter(
         'threat_unknown',
@@ -105,7 +108,7 @@ class Manager(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__('manager')
-        self._settings = declare(self, PARAMETERS)
+        self._settings = declare(self, PARAMETERS, changed=self._adjust)
         self._steady = safety_clock()
 
     def configure(self) -> None:
@@ -117,9 +120,7 @@ class Manager(ManagedNode):
         """Go on where the manager before this one ended, and begin to listen."""
         p = self._settings
         self._journal = open_journal(self, p.state_dir, 'manager', self._asked.policy.mission)
-        names = [field.name for field in fields(ManagerSettings)]
-        settings = ManagerSettings(**{name: getattr(p, name) for name in names})
-        found = recollect(self._journal, self._asked, settings)
+        found = recollect(self._journal, self._asked, self._manager_settings)
         self._core, self._used, self._trouble = found.core, found.used, found.trouble
         self._trace = TraceWriter(found.core, seconds(self._steady))
         self._outcome: Decision | Refusal = Refusal('no decision yet')
@@ -144,7 +145,7 @@ class Manager(ManagedNode):
 
     def _create_inputs(self) -> None:
         p = self._settings
-        VehicleInputs(self, self._take, self._steady, p.input_timeout)
+        self._inputs = VehicleInputs(self, self._take, self._steady, p.input_timeout)
         waiting = ReentrantCallbackGroup()  # Others go on while a policy is loaded.
         self.create_subscription(
             String,
@@ -165,6 +166,18 @@ class Manager(ManagedNode):
         policy = self._used.policy
         return f'{shown(self._used.path)} ({policy.method}, {policy.digest[:12]})'
 
+    @property
+    def _manager_settings(self) -> ManagerSettings:
+        names = [field.name for field in fields(ManagerSettings)]
+        return ManagerSettings(**{name: getattr(self._settings, name) for name in names})
+
+    def _adjust(self) -> None:
+        """Go on with parameters that were set in flight."""
+        if self.active:
+            self._core.adjust(self._manager_settings)
+            self._inputs.timeout = self._settings.input_timeout
+            self._trace.adjust()
+
     def _take(self, topic: str, read: Callable[[], HeardInput]) -> None:
         try:
             heard = read()
@@ -173,6 +186,8 @@ class Manager(ManagedNode):
             self._complaints.add(topic, f'{error}; kept the last good value')
             return
         self._trace.hear(heard)
+        if topic == 'odom' and self._inputs.pose is not None:
+            self._outputs.scene.move(self._inputs.pose)
         self._step()
         self._complaints.settle(topic)
         for warning in self._core.news():

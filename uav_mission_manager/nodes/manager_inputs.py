@@ -36,13 +36,15 @@ class ManagerInputs:
     ----------
     command : str
         The last command taken.
+    timeout : float
+        See above [s].
     """
 
     def __init__(
         self, node: Node, mission: Mission, plan: FlightPlan, pilot: Pilot, timeout: float
     ) -> None:
         self._node, self._mission, self._plan, self._pilot = node, mission, plan, pilot
-        self._timeout = timeout
+        self.timeout = timeout
         self._clock = safety_clock()
         self._complaints = Complaints(lambda text: node.get_logger().error(text))
         self._complained_at: dict[str, float] = {}
@@ -86,7 +88,7 @@ class ManagerInputs:
         return seconds(self._clock)
 
     def _old(self, time: float, now: float) -> bool:
-        return now - time > self._timeout
+        return now - time > self.timeout
 
     def _on_goals(self, message: UInt8MultiArray, info: dict[str, int]) -> None:
         if not self._trouble('goal_states', *_times(info)):
@@ -131,7 +133,7 @@ class ManagerInputs:
     def _trouble(self, topic: str, stamp: float, clock: float, what: str = '') -> str:
         """Say so where a message is too old, or too new, to be believed; '' where it is not."""
         try:
-            stamp_age(topic, stamp, clock, self._timeout)
+            stamp_age(topic, stamp, clock, self.timeout)
         except InputError as error:
             return self._complain(topic, f'{error}; {what}ignored')
         return ''

@@ -45,8 +45,11 @@ Order = Callable[[VehicleBridge, float], tuple[bool, str]]
 """What a service asks of a bridge at a time [s], and what is answered."""
 
 
-def _flight(name: str, description: str, minimum: float, maximum: float) -> NodeParameter:
-    return NodeParameter(name, getattr(DEFAULT_SETTINGS, name), description, minimum, maximum)
+def _flight(
+    name: str, description: str, minimum: float, maximum: float, *, in_flight: bool = True
+) -> NodeParameter:
+    default = getattr(DEFAULT_SETTINGS, name)
+    return NodeParameter(name, default, description, minimum, maximum, read_only=not in_flight)
 
 
 PARAMETERS = (
@@ -68,10 +71,22 @@ PARAMETERS = (
         0.0,
         1.0,
     ),
-    _flight('flight_altitude', "Flight height above the mission file's ground [m]", 2.0, 500.0),
+    _flight(
+        'flight_altitude',
+        "Flight height above the mission file's ground [m]",
+        2.0,
+        500.0,
+        in_flight=False,
+    ),
     _flight('cruise_speed', 'Speed in normal mode [m/s]', 0.1, 50.0),
     _flight('agile_speed', 'Speed in agile mode [m/s]', 0.1, 50.0),
-    _flight('acceptance_radius', 'Largest distance from a destination on site [m]', 0.1, 1000.0),
+    _flight(
+        'acceptance_radius',
+        'Largest distance from a destination on site [m]',
+        0.1,
+        1000.0,
+        in_flight=False,
+    ),
     _flight(
         'goal_dwell', 'Time on site until a goal without a task is completed [s]', 0.0, 3600.0
     ),
@@ -89,6 +104,7 @@ PARAMETERS = (
         "Largest distance from the mission file's ground to take off from [m]",
         0.5,
         1000.0,
+        in_flight=False,
     ),
     NodeParameter(
         'allow_arming',
@@ -113,7 +129,7 @@ class MavlinkBridge(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__('mavlink_bridge')
-        self._settings = declare(self, PARAMETERS)
+        self._settings = declare(self, PARAMETERS, changed=self._adjust)
         self._steady = safety_clock()
         self._limit = LogLimit()
         self._opened, self._begun = ExitStack(), ExitStack()
@@ -188,6 +204,13 @@ class MavlinkBridge(ManagedNode):
             reach=2.0 * math.hypot(grid.rows, grid.cols) * grid.cell_size,
             **{name: value for name, value in vars(p).items() if hasattr(DEFAULT_SETTINGS, name)},
         )
+
+    def _adjust(self) -> None:
+        """Fly on with parameters that were set in flight, from the next order on."""
+        if self._configured:
+            self._bridge.pilot.site.settings = self._flight_settings()
+        if self.active:
+            self._inputs.timeout = self._settings.manager_timeout
 
     def _recall(self) -> None:
         """Go on from the journal, if there is one; what cannot be believed is not obeyed."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -35,7 +35,7 @@ class NodeParameter:
     minimum, maximum : float, optional
         The range, inclusive; they come together.
     read_only : bool
-        Whether it can be given at the start only.
+        Whether it can be given at the start only; else `ros2 param set` changes it in flight.
     path : bool
         Whether it is a path, in which `~` and `$VARIABLE` are replaced.
     example : str
@@ -93,7 +93,10 @@ class NodeParameter:
 
 
 def declare(
-    node: Node, table: tuple[NodeParameter, ...], later: tuple[NodeParameter, ...] = ()
+    node: Node,
+    table: tuple[NodeParameter, ...],
+    later: tuple[NodeParameter, ...] = (),
+    changed: Callable[[], None] | None = None,
 ) -> SimpleNamespace:
     """Declare `table` on `node` and return the values by name.
 
@@ -102,6 +105,8 @@ def declare(
     node : Node
     table, later : tuple of NodeParameter
         What the node declares now, and with another call.
+    changed : callable, optional
+        Called when parameters were set: the values returned are the new ones by then.
 
     Raises
     ------
@@ -118,7 +123,23 @@ def declare(
             raise ValueError(f'parameter {row.name}: {error}') from error
         setattr(values, row.name, row.checked(value))
     node.add_on_set_parameters_callback(_refuse_nan)
+    if changed is not None:
+        _follow(node, values, changed)
     return values
+
+
+def _follow(node: Node, values: SimpleNamespace, changed: Callable[[], None]) -> None:
+    """Keep values up to date."""
+
+    def take(parameters: Iterable[Any]) -> None:
+        new = {each.name: each.value for each in parameters if hasattr(values, each.name)}
+        vars(values).update(new)
+        if new:
+            told = ', '.join(f'{name} is {value} now' for name, value in new.items())
+            node.get_logger().info(told)
+            changed()
+
+    node.add_post_set_parameters_callback(take)
 
 
 def _refuse_nan(parameters: Iterable[Any]) -> SetParametersResult:

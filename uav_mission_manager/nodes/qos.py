@@ -17,6 +17,8 @@ _PROFILES = {
     'LATCHED': (_RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL, 1),
     # For what is recorded, to its beginning: the depth is a choice, half a minute.
     'TRACE': (_RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL, 1000),
+    # For transforms: what tf2's own broadcasters have.
+    'TRANSFORMS': (_RELIABLE, _VOLATILE, 100),
     # For diagnostics and markers, with ROS's default depth.
     'RELIABLE': (_RELIABLE, _VOLATILE, 10),
 }

@@ -1,19 +1,29 @@
-"""What the manager knows and decides, as diagnostic and marker messages."""
+"""What the manager knows and decides, as messages."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 
+import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Point, PoseStamped
-from std_msgs.msg import ColorRGBA, Header
-from visualization_msgs.msg import Marker, MarkerArray
+from geometry_msgs.msg import PoseStamped
+from std_msgs.msg import Header
 
 from uav_mission_manager.echo import shown
 from uav_mission_manager.frames import MAP_FRAME
-from uav_mission_manager.mdp import Grid
+from uav_mission_manager.mdp import (
+    FAULT_MODES,
+    PRIORITY_LEVELS,
+    Grid,
+    Mission,
+    StateSpace,
+    action_name,
+    global_actions,
+)
+from uav_mission_manager.mdp.charge import RangeFlags
+from uav_mission_manager.mdp.range_model import flight_range
 from uav_mission_manager.onboard import Refusal, Situation, format_command
 from uav_mission_manager.policy import Decision, Policy
 
@@ -23,18 +33,6 @@ from, and the values of all actions of a mission of a hundred goals."""
 
 KEPT_INPUTS = ('threat_level', 'goal_priorities')
 """Inputs whose last value stays in force however old it is; the diagnostics warn of its age."""
-
-Colour = tuple[float, float, float, float]
-"""Red, green, blue and opacity, 0 to 1."""
-
-WHITE, GREY, BLUE = (1.0, 1.0, 1.0, 1.0), (0.6, 0.6, 0.6, 1.0), (0.1, 0.4, 1.0, 1.0)
-"""Colours of names, of the grid, and of the UAV and its target."""
-
-PRIORITY_COLOURS = (GREY, (1.0, 0.8, 0.1, 1.0), (1.0, 0.4, 0.0, 1.0))
-"""Colour of a goal, by its priority."""
-
-THREAT_COLOURS = ((0.0, 0.8, 0.2, 0.2), (1.0, 0.8, 0.0, 0.4), (1.0, 0.0, 0.0, 0.5))
-"""Colour of the UAV's cell, by the threat level t."""
 
 
 def status(level: bytes, name: str, message: str, **values: object) -> DiagnosticStatus:
@@ -67,6 +65,7 @@ def decision_status(
         )
     mission = situation.mission
     runner_up = outcome.runner_up
+    words = state_in_words(mission, outcome.state)
     return status(
         DiagnosticStatus.OK,
         name,
@@ -81,8 +80,63 @@ def decision_status(
         lower_bound=f'{outcome.lower_bound:.6g}',
         upper_bound=f'{outcome.upper_bound:.6g}',
         policy=digest,
+        **words,
+        **_measured(situation),
+        **_costs(mission, outcome.values),
         **ages,
     )
+
+
+def state_in_words(mission: Mission, state: Sequence[int]) -> dict[str, str]:
+    """Return each variable of a state by a name, with its value in words, and the range flags."""
+    s = StateSpace.of(mission).split(np.array(state))
+    row, col = divmod(int(s.l), mission.grid.cols)
+    goals = [goal.name for goal in mission.goals]
+    flags, charge = RangeFlags(mission)(s), dict[str, str]()
+    if mission.range.charge is not None:
+        charge['charge level'] = f'{s.b[0]} of 0 to {mission.range.levels - 1}'
+    return {
+        'fault mode': FAULT_MODES[s.f - 1],
+        **charge,
+        **{f'{goal} in range': 'yes' if r else 'no' for goal, r in zip(goals, flags)},
+        **{f'{goal} priority': PRIORITY_LEVELS[g] for goal, g in zip(goals, s.g)},
+        'cell': f'{s.l}, column {col} and row {row} from 0',
+        'committed to': goals[s.c - 1] if s.c else 'no goal',
+        'threat': mission.threat.levels[s.t],
+        'flight mode': 'agile' if s.m else 'normal',
+    }
+
+
+def charge_left(situation: Situation) -> float | None:
+    """Return the charge (0 to 1) of the battery that counts; 0 where it is reported unhealthy."""
+    energy = situation.mission.energy
+    battery = energy and situation.batteries.worst(energy)
+    if not (energy and battery):
+        return None
+    return battery.charge(energy) if battery.report.healthy else 0.0
+
+
+def _measured(situation: Situation) -> dict[str, str]:
+    """Return what the range follows from, with units."""
+    values = {}
+    charge, energy = charge_left(situation), situation.mission.energy
+    if charge is not None and energy is not None:
+        values['charge [%]'] = f'{100.0 * charge:.1f}'
+        values['range [m]'] = f'{flight_range(energy, charge):.0f}'
+    if situation.position is not None:
+        east, north = situation.position
+        values |= {'east [m]': f'{east:.1f}', 'north [m]': f'{north:.1f}'}
+    return values
+
+
+def _costs(mission: Mission, values: Sequence[float]) -> dict[str, str]:
+    """Return the expected cost of each action by its name."""
+    return {
+        f'cost of {action_name(mission, action)}': (
+            f'{value:.6g}' if math.isfinite(value) else 'not allowed'
+        )
+        for action, value in zip(global_actions(mission), values, strict=True)
+    }
 
 
 def manager_health(
@@ -154,54 +208,3 @@ def cell_pose(grid: Grid, cell: int, stamp: Time) -> PoseStamped:
     message.pose.position.x, message.pose.position.y = grid.position(cell)
     message.pose.orientation.w = 1.0
     return message
-
-
-def markers(situation: Situation, target: int | None, stamp: Time) -> MarkerArray:
-    """Return grid, goals, threat, UAV and the line to its target cell, for RViz and Foxglove."""
-    grid, array = situation.mission.grid, MarkerArray()
-
-    def add(space: str, kind: int, colour: Colour, size: float, number: int = 0) -> Marker:
-        marker = Marker(
-            header=Header(stamp=stamp, frame_id=MAP_FRAME), ns=space, id=number, type=kind
-        )
-        marker.pose.orientation.w = 1.0
-        marker.color = ColorRGBA(**dict(zip('rgba', colour, strict=True)))
-        marker.scale.x = marker.scale.y = marker.scale.z = size
-        array.markers.append(marker)
-        return marker
-
-    def at(marker: Marker, position: tuple[float, float]) -> Marker:
-        marker.pose.position.x, marker.pose.position.y = position
-        return marker
-
-    size = grid.cell_size
-    add('grid', Marker.LINE_LIST, GREY, size / 50).points = list(_grid_lines(grid))
-    for j, goal in enumerate(situation.mission.goals):
-        colour = PRIORITY_COLOURS[situation.priorities[j]]
-        at(add('goal', Marker.SPHERE, colour, size / 4, j), grid.position(goal.cell))
-        label = add('name', Marker.TEXT_VIEW_FACING, WHITE, size / 6, j)
-        at(label, grid.position(goal.cell)).text = f'{goal.name}: {situation.priorities[j]}'
-    cube = add('threat', Marker.CUBE, THREAT_COLOURS[situation.threat], size)
-    at(cube, grid.position(situation.cell)).scale.z = size / 50
-    half_turn = -math.radians(grid.bearing) / 2.0
-    cube.pose.orientation.z, cube.pose.orientation.w = math.sin(half_turn), math.cos(half_turn)
-    line = add('target', Marker.LINE_STRIP, BLUE, size / 25)
-    if situation.position is None or target is None:
-        line.action = Marker.DELETE
-    else:
-        line.points = [_point(situation.position), _point(grid.position(target))]
-    if situation.position is not None:
-        at(add('uav', Marker.SPHERE, BLUE, size / 5), situation.position)
-    return array
-
-
-def _point(position: tuple[float, float]) -> Point:
-    return Point(x=position[0], y=position[1])
-
-
-def _grid_lines(grid: Grid) -> Iterator[Point]:
-    right, bottom = grid.cols - 0.5, grid.rows - 0.5
-    for col in range(grid.cols + 1):
-        yield from (_point(grid.at(col - 0.5, -0.5)), _point(grid.at(col - 0.5, bottom)))
-    for row in range(grid.rows + 1):
-        yield from (_point(grid.at(-0.5, row - 0.5)), _point(grid.at(right, row - 0.5)))

@@ -11,6 +11,11 @@ from sensor_msgs.msg import BatteryState, NavSatFix
 from std_msgs.msg import String, UInt8MultiArray
 from visualization_msgs.msg import MarkerArray
 
+try:
+    from tf2_msgs.msg import TFMessage
+except ModuleNotFoundError:  # It is part of every ROS, and not of the wheels on PyPI.
+    TFMessage = None
+
 TOPICS: dict[str, Any] = {
     'battery_state': BatteryState,
     'odom': Odometry,
@@ -35,3 +40,6 @@ TOPICS: dict[str, Any] = {
     '/diagnostics': DiagnosticArray,
 }
 """All of them, relative to the vehicle's namespace; a test holds them against the nodes."""
+
+if TFMessage is not None:
+    TOPICS['/tf'] = TFMessage

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
 from functools import partial
@@ -15,6 +16,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Header, String, UInt8MultiArray
 
+from uav_mission_manager.console.heard import Pose
+from uav_mission_manager.console.messages import pose_of
 from uav_mission_manager.echo import quoted
 from uav_mission_manager.frames import MAP_FRAME
 from uav_mission_manager.nodes import qos
@@ -78,13 +81,21 @@ class VehicleInputs:
         That of the situation's times.
     timeout : float
         Age [s] above which the stamp of a message is not believed.
+
+    Attributes
+    ----------
+    timeout : float
+    pose : Pose or None
+        The last one heard that was believed.
     """
 
     def __init__(self, node: Node, take: Taken, clock: Clock, timeout: float) -> None:
-        self._node, self._take, self._clock, self._timeout = node, take, clock, timeout
+        self._node, self._take, self._clock = node, take, clock
+        self.timeout = timeout
+        self.pose: Pose | None = None
         self._unlatched: dict[str, tuple[Any, Any]] = {}
         self._stamped('battery_state', BatteryState, _battery)
-        self._stamped('odom', Odometry, _position)
+        self._stamped('odom', Odometry, self._position)
         self._state('fault_mode', String, _name)
         self._state('threat_level', String, _name)
         self._state('goal_priorities', UInt8MultiArray, _priorities)
@@ -143,9 +154,18 @@ class VehicleInputs:
     def _read(self, topic: str, values: Values, message: Any) -> HeardInput:
         return HeardInput(topic, seconds(self._clock), values(message))
 
+    def _position(self, message: Odometry) -> dict[str, Any]:
+        if message.header.frame_id not in ('', MAP_FRAME):
+            frame = quoted(message.header.frame_id)
+            raise InputError(f'odom: frame_id {frame} is not {MAP_FRAME!r}')
+        pose = pose_of(message)
+        if math.isfinite(pose.east) and math.isfinite(pose.north):
+            self.pose = pose
+        return {'east': pose.east, 'north': pose.north}
+
     def _age(self, topic: str, header: Header) -> float:
         stamp = header.stamp.sec + header.stamp.nanosec * 1e-9
-        return stamp_age(topic, stamp, seconds(self._node.get_clock()), self._timeout)
+        return stamp_age(topic, stamp, seconds(self._node.get_clock()), self.timeout)
 
 
 def _battery(message: BatteryState) -> dict[str, Any]:
@@ -158,13 +178,6 @@ def _battery(message: BatteryState) -> dict[str, Any]:
         'capacity': message.capacity,
         'battery': _label('battery_state', name),
     }
-
-
-def _position(message: Odometry) -> dict[str, Any]:
-    if message.header.frame_id not in ('', MAP_FRAME):
-        raise InputError(f'odom: frame_id {quoted(message.header.frame_id)} is not {MAP_FRAME!r}')
-    position = message.pose.pose.position
-    return {'east': position.x, 'north': position.y}
 
 
 def _name(message: String) -> dict[str, Any]:

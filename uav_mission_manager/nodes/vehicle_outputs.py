@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import BatteryState, NavSatFix
@@ -14,10 +15,18 @@ from std_msgs.msg import String
 from uav_mission_manager.autopilot.bridge import BridgeStep
 from uav_mission_manager.autopilot.faults import FIX_3D, Fault
 from uav_mission_manager.autopilot.task import PilotOutput
+from uav_mission_manager.autopilot.telemetry import Position
 from uav_mission_manager.echo import shown
+from uav_mission_manager.frames import body_frame
 from uav_mission_manager.mdp import FAULT_MODES, Mission, Origin
 from uav_mission_manager.nodes import qos
-from uav_mission_manager.nodes.conversions import battery_state, nav_sat_fix, odometry
+from uav_mission_manager.nodes.conversions import (
+    battery_state,
+    nav_sat_fix,
+    odometry,
+    transform,
+)
+from uav_mission_manager.nodes.topics import TFMessage
 
 FAULT_REPEAT_PERIOD = 0.5
 """Time [s] after which an unchanged fault mode is published again: a choice, well within the time
@@ -51,9 +60,11 @@ class VehicleOutputs:
             )
 
         self._node, self._mission, self._origin, self._log = node, mission, origin, log
+        self._frame = body_frame(node.get_namespace())
         self._battery_state = publisher(BatteryState, 'battery_state', qos.SENSOR)
         self._odom = publisher(Odometry, 'odom', qos.SENSOR)
         self._global_position = publisher(NavSatFix, 'global_position', qos.SENSOR)
+        self._tf = TFMessage and publisher(TFMessage, '/tf', qos.TRANSFORMS)
         self._fault_mode = publisher(String, 'fault_mode', qos.STATE_IN)
         self._goal_completed = publisher(String, 'goal_completed', qos.EVENT)
         self._goal_refused = publisher(String, 'goal_refused', qos.EVENT)
@@ -77,10 +88,15 @@ class VehicleOutputs:
         for number, battery in step.batteries.items():
             self._battery_state.publish(battery_state(number, battery, stamp))
         if step.position:
-            has_fix = (fix_type or 0) >= FIX_3D
-            self._odom.publish(odometry(step.position, self._origin, stamp))
-            self._global_position.publish(nav_sat_fix(step.position, has_fix, stamp))
+            self._locate(step.position, (fix_type or 0) >= FIX_3D, stamp)
         self._report_fault(step.fault, now)
+
+    def _locate(self, position: Position, has_fix: bool, stamp: Time) -> None:
+        odom = odometry(position, self._origin, self._frame, stamp)
+        self._odom.publish(odom)
+        self._global_position.publish(nav_sat_fix(position, has_fix, self._frame, stamp))
+        if self._tf:
+            self._tf.publish(TFMessage(transforms=[transform(odom)]))
 
     def close(self) -> None:
         """Say that nobody is to work any more."""

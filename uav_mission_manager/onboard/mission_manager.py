@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, Mission, global_actions
@@ -152,6 +152,16 @@ class MissionManager:
             raise ValueError('the policy is for other goals, or another grid')
         self.situation = self.situation.with_mission(policy.mission)
         self.policy = policy
+
+    def adjust(self, settings: ManagerSettings) -> None:
+        """Go on with other settings; the standing command stays as long as it was to."""
+        self.settings = settings
+        self.situation = replace(
+            self.situation,
+            hysteresis=settings.range_hysteresis,
+            settling_time=settings.settling_time,
+            threat_unknown=settings.threat_unknown,
+        )
 
     def reset_goals(self) -> None:
         """Want no goal any more, and forget which were refused."""

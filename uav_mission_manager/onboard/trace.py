@@ -6,7 +6,8 @@ than the last entry's. Its `events` are, in their order:
 - `["state", {...}]`: settings, digest of the policy, hash of goals and grid, all that is known.
 - `["hear", TOPIC, TIME, {...}]`: a message was taken, see `HeardInput`.
 - `["step", TIME]` or `["step", TIME, {...}]`: it was decided; with what, if that is new.
-- `["adopt", DIGEST]`, `["reset"]`: another policy set, or goals were reset.
+- `["adopt", DIGEST]`, `["adjust", {...}]`: another policy set, other settings.
+- `["reset"]`: goals were reset.
 
 Times are of the manager's steady clock [s]. Floats are written so that they are read as the same.
 """
@@ -93,6 +94,10 @@ class TraceWriter:
     def adopt(self) -> None:
         """Say that another policy set is in use."""
         self._events.append(['adopt', self._core.policy.digest])
+
+    def adjust(self) -> None:
+        """Say that the settings are others now."""
+        self._events.append(['adjust', asdict(self._core.settings)])
 
     def reset(self) -> None:
         """Say that goals were reset."""
@@ -234,6 +239,9 @@ class Replay:
         elif kind == 'adopt':
             self._flown_by(*values)
             core.adopt(self._policy)
+        elif kind == 'adjust':
+            [settings] = values
+            core.adjust(ManagerSettings(**settings))
         elif kind == 'reset':
             core.reset_goals()
         else:

@@ -10,6 +10,7 @@ import numpy as np
 
 from uav_mission_manager.mdp import (
     FAULT_MODES,
+    PRIORITY_LEVELS,
     Action,
     ActionKind,
     Mission,
@@ -95,7 +96,7 @@ def explain(
 def _motive(mission: Mission, state: list[int], action: Action) -> str:
     s = StateSpace.of(mission).split(np.array(state))
     if action.goal is not None:
-        goal, level = mission.goals[action.goal], ('no', 'low', 'high')[s.g[action.goal]]
+        goal, level = mission.goals[action.goal], PRIORITY_LEVELS[s.g[action.goal]]
         motive = f'{goal.name} has {level} priority'
     elif action.kind is ActionKind.RECHARGE:
         lost = [goal.name for goal, r in zip(mission.goals, RangeFlags(mission)(s)) if not r]
