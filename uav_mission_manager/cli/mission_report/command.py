@@ -1,0 +1,120 @@
+"""The command line of `mission_report`."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+
+from uav_mission_manager.cli.errors import CommandParser, one_line_errors
+from uav_mission_manager.cli.mission_report.flight_page import flight_page
+from uav_mission_manager.cli.mission_report.flight_record import FlightRecord, flight_record
+from uav_mission_manager.cli.mission_report.policy_page import policy_page
+from uav_mission_manager.echo import quoted, shown
+from uav_mission_manager.onboard import parse_command
+from uav_mission_manager.paths import write_whole
+from uav_mission_manager.policy import Policy, load_policy
+
+MANIFEST = 'manifest.json'
+"""The file by which a policy set is told from a bag."""
+
+MOST_SPEEDUP = 1000.0
+"""Seconds of a flight per second of its bag, at most: a choice, no simulation is so fast."""
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the command."""
+    with one_line_errors('mission_report'):
+        options = _parser().parse_args(args)
+        source, out = Path(options.source), Path(options.out)
+        if not out.parent.is_dir():
+            raise FileNotFoundError(f'--out: there is no folder {shown(out.parent)}')
+        if (source / MANIFEST).is_file():
+            _refuse_options_of_bags(options)
+            text = policy_page(load_policy(source), options.source)
+        else:
+            text = _flight_report(options, source)
+        write_whole(out, text)
+        print(f'{shown(out)}: {len(text.encode()) / 1e6:.2f} MB')
+        return 0
+
+
+def _parser() -> CommandParser:
+    parser = CommandParser(
+        prog='mission_report',
+        description='Write one HTML file, for a browser and for print, of a flight: what was '
+        'asked, done, when and why, and what had been expected; or of a policy set.',
+    )
+    parser.add_argument(
+        'source', metavar='DIR|BAG', help='policy set; or bag of mission_record or ros2 bag record'
+    )
+    parser.add_argument('--out', required=True, metavar='REPORT.html', help='file to write')
+    parser.add_argument(
+        '--policy', metavar='DIR', help='policy set that the bag was flown by: map, expectations'
+    )
+    parser.add_argument(
+        '--namespace', metavar='NAME', help='vehicle, such as /uav1; default: the only one'
+    )
+    parser.add_argument(
+        '--speedup',
+        type=_speedup,
+        default=1.0,
+        metavar='N',
+        help="seconds of the flight per second of the bag; the demo's have 8; default: 1",
+    )
+    return parser
+
+
+def _speedup(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value <= MOST_SPEEDUP:
+        raise argparse.ArgumentTypeError(
+            f'{quoted(text)} is not a number above 0, up to {MOST_SPEEDUP:g}'
+        )
+    return value
+
+
+def _refuse_options_of_bags(options: argparse.Namespace) -> None:
+    given = [
+        f'--{name}'
+        for name, unset in (('policy', None), ('namespace', None), ('speedup', 1.0))
+        if getattr(options, name) != unset
+    ]
+    if given:
+        raise ValueError(f'{given[0]}: is for a bag, and {shown(options.source)} is a policy set')
+
+
+def _flight_report(options: argparse.Namespace, bag: Path) -> str:
+    policy = load_policy(options.policy) if options.policy is not None else None
+    record = flight_record(bag, options.namespace, options.speedup)
+    if policy is not None:
+        _check_mission(options.source, record, policy)
+    return flight_page(record, options.source, policy)
+
+
+def _check_mission(bag: str, record: FlightRecord, policy: Policy) -> None:
+    """Refuse decisions that no policy of this mission can have made."""
+    mission = policy.mission
+    for at, decision in record.decided:
+        if not decision.state:
+            continue
+        try:
+            policy.space.check([decision.state])
+            parse_command(mission, decision.command)
+        except ValueError as error:
+            raise ValueError(
+                f'{shown(bag)}: at {at:.2f} s: not flown in mission {shown(mission.name)}, with '
+                f'other goals or another grid: {error}'
+            ) from error
+        if len(decision.values) != 2 * mission.k + 4:
+            raise ValueError(
+                f'{shown(bag)}: at {at:.2f} s: values: {len(decision.values)} numbers are not '
+                f'{2 * mission.k + 4}'
+            )
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,154 @@
+"""A flight in the order in which it happened: events, and each command with its reason."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from uav_mission_manager.cli.mission_report.flight_record import Decided, FlightRecord
+from uav_mission_manager.console.heard import HeardDecision
+from uav_mission_manager.console.map_overlay import PRIORITY_WORDS
+from uav_mission_manager.console.words import headline
+from uav_mission_manager.echo import shown
+from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, Mission
+
+
+@dataclass(frozen=True)
+class StoryRow:
+    """A line of the story.
+
+    Attributes
+    ----------
+    at : float
+        When [s].
+    kind : str
+        `command`, or the tone of an event: '', `warning`, `danger`.
+    text : str
+    number : int
+        Of a command, from 1; 0 of an event.
+    news : tuple of str
+        What had changed since the command before.
+    reason : str
+    second : str
+        The second best, and what it would have cost more.
+    cost : str
+        What was expected to be paid from there on.
+    """
+
+    at: float
+    kind: str
+    text: str
+    number: int = 0
+    news: tuple[str, ...] = ()
+    reason: str = ''
+    second: str = ''
+    cost: str = ''
+
+
+class GoalNames:
+    """Names of goals; by their numbers where the mission is not known."""
+
+    def __init__(self, mission: Mission | None) -> None:
+        self._names = [shown(goal.name, 60) for goal in mission.goals] if mission else []
+
+    def __getitem__(self, position: int) -> str:
+        """Return the name of a goal, counted from 0."""
+        known = position < len(self._names)
+        return self._names[position] if known else f'goal {position + 1}'
+
+    def wanted(self, priorities: Sequence[int]) -> str:
+        """Say which goals have which priority."""
+        found = [f'{self[j]} {PRIORITY_WORDS[g]}' for j, g in enumerate(priorities) if 0 < g < 3]
+        return ', '.join(found) or 'nothing'
+
+
+def story(record: FlightRecord, names: GoalNames) -> list[StoryRow]:
+    """Return what happened, in order; of one moment first what was heard, then the command."""
+    events = [
+        *(StoryRow(each.at, each.line.level, each.line.text) for each in record.happened),
+        *_requests(record, names),
+        *_flights(record),
+        *_authorities(record),
+    ]
+    rows = [*events, *command_rows(record.decided, names)]
+    return sorted(rows, key=lambda row: (row.at, row.number > 0))
+
+
+def _requests(record: FlightRecord, names: GoalNames) -> Iterator[StoryRow]:
+    before: tuple[int, ...] = ()
+    for at, asked in record.asked:
+        raised = any(g > (before[j] if j < len(before) else 0) for j, g in enumerate(asked))
+        word = 'asked for' if raised else 'still asked for'
+        yield StoryRow(at, '', f'{word}: {names.wanted(asked)}')
+        before = asked
+
+
+def _flights(record: FlightRecord) -> Iterator[StoryRow]:
+    for leg in record.legs:
+        yield StoryRow(leg.start, '', 'took off')
+        if leg.end < record.end:
+            yield StoryRow(leg.end, '', 'landed')
+
+
+def _authorities(record: FlightRecord) -> Iterator[StoryRow]:
+    for number, (at, who) in enumerate(record.in_command):
+        if number or who.tone != 'good':
+            tone = '' if who.tone == 'good' else who.tone
+            why = '' if who.tone == 'good' else f': {who.why}'
+            yield StoryRow(at, tone, f'in command: {who.word}{why}')
+
+
+def command_rows(decided: Sequence[Decided], names: GoalNames) -> Iterator[StoryRow]:
+    """Yield the commands, each where it differs from the one before."""
+    number, last, since = 0, None, HeardDecision('')
+    for at, decision in decided:
+        if decision.command == last:
+            since = since if since.state else decision
+            continue
+        last, before = decision.command, since
+        since = decision if decision.state else since
+        if not decision.command:
+            yield StoryRow(at, 'warning', 'no command', reason=decision.reason)
+            continue
+        number += 1
+        yield StoryRow(
+            at,
+            'command',
+            headline(decision.command),
+            number,
+            tuple(state_news(before.state, decision.state, names)),
+            decision.reason.partition('; expected cost')[0],
+            _second(decision),
+            f'{min(decision.values):.4g}' if decision.values else '',
+        )
+
+
+def _second(decision: HeardDecision) -> str:
+    if not decision.runner_up:
+        return 'nothing else was allowed'
+    if decision.margin < 0:
+        return f'{decision.runner_up}, {-decision.margin:.3g} less, after a wait'
+    return f'{decision.runner_up}, {decision.margin:.3g} more'
+
+
+def state_news(
+    before: Sequence[int], after: Sequence[int], names: GoalNames
+) -> Iterator[str]:
+    """Say what has changed from state to state, but for what the vehicle does itself."""
+    if len(before) != len(after) or not after:
+        return
+    k = (len(after) - 5) // 2
+    if before[0] != after[0]:
+        yield f'fault {FAULT_MODES[before[0] - 1]} → {FAULT_MODES[after[0] - 1]}'
+    lost = [names[j] for j in range(k) if before[1 + j] > after[1 + j]]
+    back = [names[j] for j in range(k) if before[1 + j] < after[1 + j]]
+    if lost:
+        yield f'out of range: {", ".join(lost)}'
+    if back:
+        yield f'in range again: {", ".join(back)}'
+    for j in range(k):
+        was, now = before[1 + k + j], after[1 + k + j]
+        if was != now:
+            yield f'{names[j]}: {PRIORITY_WORDS[now]}'
+    if before[-2] != after[-2]:
+        yield f'threat {THREAT_LEVELS[before[-2]]} → {THREAT_LEVELS[after[-2]]}'
