@@ -118,7 +118,9 @@ def _comparison_table(answer: dict[str, Any]) -> Table:
     for (name, first), (_, second), (_, gained) in zip(*rows):
         value, bounds = interval_texts(gained, sign='+')
         mark = '*' if gained['low'] > 0 or gained['high'] < 0 else ' '
-        table.add_row(name, interval_texts(first)[0], interval_texts(second)[0], value, f'{bounds} {mark}')
+        table.add_row(
+            name, interval_texts(first)[0], interval_texts(second)[0], value, f'{bounds} {mark}'
+        )
     return table
 
 
@@ -143,6 +145,7 @@ def _print_bounds(console: Console, policy: dict[str, Any]) -> None:
 
 
 def percent_texts(interval: dict[str, Any]) -> tuple[str, str]:
+    """Return `interval_texts` of a probability in percent."""
     return interval_texts(_scaled(interval))
 
 

@@ -140,9 +140,7 @@ def heard_messages(path: Path, vehicle: str | None, topic: str) -> Iterator[Hear
                 moment = Moment((time - reader.start_time) * 1e-9, time_of_day)
                 yield moment, topics[connection.topic], decoded(data, connection.msgtype)
 
-        yield HeardMessages(
-            chosen, reader.start_time * 1e-9, reader.duration * 1e-9, messages()
-        )
+        yield HeardMessages(chosen, reader.start_time * 1e-9, reader.duration * 1e-9, messages())
 
 
 @contextmanager
@@ -178,9 +176,7 @@ def _check_place(path: Path) -> None:
         raise ValueError(f'{shown(path)}: no bag: neither a folder nor a file in MCAP or SQLite')
 
 
-def _chosen(
-    path: Path, connections: Sequence[Connection], vehicle: str | None, topic: str
-) -> str:
+def _chosen(path: Path, connections: Sequence[Connection], vehicle: str | None, topic: str) -> str:
     """Return the namespace of the vehicle, which has this topic."""
     vehicles = {
         each.topic.removesuffix(topic)

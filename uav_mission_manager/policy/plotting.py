@@ -168,7 +168,9 @@ def _fill(axes: Axes, mission: Mission, actions: Sequence[Action], edges: str) -
 def _letter(axes: Axes, mission: Mission, actions: Sequence[Action]) -> None:
     """Say in words in the cells what is done there."""
     for cell, action in enumerate(actions):
-        text = axes.text(*mission.grid.position(cell), action_word(action), ha='center', va='center')
+        text = axes.text(
+            *mission.grid.position(cell), action_word(action), ha='center', va='center'
+        )
         text.set(fontsize='small', clip_on=True)
 
 

@@ -13,14 +13,14 @@ surprise for each epoch. A surprise is 0 in the mean where the model is right.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
 
 from uav_mission_manager.cli.mission_report.flight_record import Decided, FlightRecord
-from uav_mission_manager.cli.mission_report.story import GoalNames, state_news
+from uav_mission_manager.cli.mission_report.story import Names, state_news
 from uav_mission_manager.mdp import Mission, stage_costs
-from uav_mission_manager.mdp.arrays import FloatArray
 from uav_mission_manager.onboard import parse_command
 from uav_mission_manager.solver.evaluation.forecast import epoch_length
 
@@ -76,7 +76,7 @@ class Account:
     surprises: tuple[Surprise, ...]
 
 
-def account_of(record: FlightRecord, mission: Mission, names: GoalNames) -> Account | None:
+def account_of(record: FlightRecord, mission: Mission, names: Names) -> Account | None:
     """Return the costs of a flight; None where it is too short for an epoch.
 
     An epoch without a decision counts as the last one with one.
@@ -88,7 +88,7 @@ def account_of(record: FlightRecord, mission: Mission, names: GoalNames) -> Acco
     epochs = min(math.floor((record.end - start) / seconds), MOST_EPOCHS)
     if epochs < 1:
         return None
-    taken = _taken(decided, start + seconds * np.arange(epochs + 1))
+    taken = _taken(decided, [start + seconds * n for n in range(epochs + 1)])
     states = np.array([each.decision.state for each in taken])
     numbers = [parse_command(mission, each.decision.command).number for each in taken]
     values = np.array([min(each.decision.values) for each in taken])
@@ -102,30 +102,28 @@ def account_of(record: FlightRecord, mission: Mission, names: GoalNames) -> Acco
         expected=float(values[0]),
         paid=float(weight[:-1] @ stage),
         left=float(weight[-1] * values[-1]),
-        surprises=_surprises(taken, errors.tolist(), start, seconds, names),
+        surprises=_surprises(taken, errors.tolist(), names),
     )
 
 
-def _taken(decided: list[Decided], times: FloatArray) -> list[Decided]:
+def _taken(decided: list[Decided], times: list[float]) -> list[Decided]:
     """Return the decision that held at each time."""
-    starts = np.array([each.at for each in decided])
-    return [decided[i] for i in np.searchsorted(starts, times, side='right') - 1]
+    starts = [each.at for each in decided]
+    return [decided[bisect_right(starts, at) - 1] for at in times]
 
 
-def _surprises(
-    taken: list[Decided], errors: list[float], start: float, seconds: float, names: GoalNames
-) -> tuple[Surprise, ...]:
+def _surprises(taken: list[Decided], errors: list[float], names: Names) -> tuple[Surprise, ...]:
     """Name each by the news in its epoch; epochs without any are summed by command."""
     found, quiet = [], dict[str, float]()
-    for n, error in enumerate(errors):
-        before, after = taken[n].decision, taken[n + 1].decision
+    for error, (_, before), (at, after) in zip(errors, taken, taken[1:]):
         news = '; '.join(state_news(before.state, after.state, names))
         if news:
-            found.append(Surprise(start + (n + 1) * seconds, error, news))
+            found.append(Surprise(at, error, news))
         else:
-            quiet[before.command] = quiet.get(before.command, 0.0) + error
+            words = names.command(before.command, before.state)
+            quiet[words] = quiet.get(words, 0.0) + error
     found += [
-        Surprise(math.nan, cost, f'all epochs without news under {command}')
-        for command, cost in quiet.items()
+        Surprise(math.nan, cost, f'{words}: all epochs without news')
+        for words, cost in quiet.items()
     ]
     return tuple(sorted(found, key=lambda surprise: -abs(surprise.cost)))

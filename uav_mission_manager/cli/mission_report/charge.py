@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from uav_mission_manager.cli.mission_report.flight_record import FlightRecord, Leg
@@ -24,7 +24,8 @@ MARK_ROOM = 16.0
 CHARGE_STYLE = """
 .charge .air{fill:#dce8f4}.charge .measured{fill:none;stroke:var(--craft);stroke-width:2.2}
 .charge .plan{fill:none;stroke:var(--danger);stroke-width:1.8;stroke-dasharray:6 4}
-.charge .axis{stroke:var(--line);fill:none}.charge text{font-size:12px;fill:var(--dim)}
+.charge .axis{stroke:var(--line);fill:none}.charge text{font-size:12px;text-anchor:start;
+fill:var(--dim)}
 .charge .at{stroke:var(--dim);stroke-width:.7;stroke-dasharray:1 3}
 .charge text.mark{fill:var(--craft);font-weight:700}
 """
@@ -68,9 +69,7 @@ def charge_at(record: FlightRecord, at: float) -> float:
     return record.charges[max(place - 1, 0)][1]
 
 
-def charge_svg(
-    record: FlightRecord, energy: Energy | None, commands: Sequence[StoryRow]
-) -> str:
+def charge_svg(record: FlightRecord, energy: Energy | None, commands: Sequence[StoryRow]) -> str:
     """Draw the charge over the time, with the plan from each take-off on and the commands."""
     end = max(record.end, 1e-9)
 
@@ -97,16 +96,18 @@ def charge_svg(
         at = end * share / 6
         parts.append(f'<text x="{min(x(at), WIDTH - 40):.1f}" y="{HEIGHT - 6}">{clock(at)}</text>')
     parts += _marks(commands, x, y(0.0))
+    plan = []
     if energy is not None:
-        for leg in leg_charges(record, energy):
-            last = leg.first - leg.planned / (energy.capacity * energy.voltage)
-            start, stop = leg.leg
-            parts.append(
-                f'<path class="plan" d="M{x(start):.1f} {y(leg.first):.1f}'
+        for each in leg_charges(record, energy):
+            last = each.first - each.planned / (energy.capacity * energy.voltage)
+            start, stop = each.leg
+            plan.append(
+                f'<path class="plan" d="M{x(start):.1f} {y(each.first):.1f}'
                 f'L{x(stop):.1f} {y(max(last, 0.0)):.1f}"/>'
             )
     line = ' '.join(f'{x(at):.1f},{y(charge):.1f}' for at, charge in _thinned(record.charges))
-    return ''.join((*parts, f'<polyline class="measured" points="{line}"/>', '</svg>'))
+    measured = f'<polyline class="measured" points="{line}"/>'
+    return ''.join((*parts, measured, *plan, '</svg>'))
 
 
 def _thinned(charges: Sequence[tuple[float, float]]) -> Iterator[tuple[float, float]]:
@@ -120,7 +121,9 @@ def _thinned(charges: Sequence[tuple[float, float]]) -> Iterator[tuple[float, fl
             yield at, charge
 
 
-def _marks(commands: Sequence[StoryRow], x, bottom: float) -> Iterator[str]:
+def _marks(
+    commands: Sequence[StoryRow], x: Callable[[float], float], bottom: float
+) -> Iterator[str]:
     """Number the commands along the top, as many as there is room for."""
     last = -MARK_ROOM
     for row in commands:

@@ -10,7 +10,9 @@ from uav_mission_manager.cli.errors import CommandParser, one_line_errors
 from uav_mission_manager.cli.mission_report.flight_page import flight_page
 from uav_mission_manager.cli.mission_report.flight_record import FlightRecord, flight_record
 from uav_mission_manager.cli.mission_report.policy_page import policy_page
+from uav_mission_manager.console.messages import DECISION_TOPIC
 from uav_mission_manager.echo import quoted, shown
+from uav_mission_manager.mdp import FAULT_MODES
 from uav_mission_manager.onboard import parse_command
 from uav_mission_manager.paths import write_whole
 from uav_mission_manager.policy import Policy, load_policy
@@ -90,31 +92,41 @@ def _refuse_options_of_bags(options: argparse.Namespace) -> None:
 def _flight_report(options: argparse.Namespace, bag: Path) -> str:
     policy = load_policy(options.policy) if options.policy is not None else None
     record = flight_record(bag, options.namespace, options.speedup)
+    _check_states(options.source, record)
     if policy is not None:
         _check_mission(options.source, record, policy)
     return flight_page(record, options.source, policy)
 
 
+def _check_states(bag: str, record: FlightRecord) -> None:
+    """Refuse what is no state of any mission; length and threat were looked at when it was read."""
+    for at, decision in record.decided:
+        state, k = decision.state, (len(decision.state) - 5) // 2
+        if not state:
+            continue
+        limits = ((1, len(FAULT_MODES)), *((0, 1),) * k, *((0, 2),) * k)
+        for value, (low, high) in zip(state, limits):
+            if not low <= value <= high:
+                raise ValueError(
+                    f'{shown(bag)}: at {at:.2f} s: {DECISION_TOPIC}: state: {shown(state)} has '
+                    f'{shown(value)} where {low} to {high} may be'
+                )
+
+
 def _check_mission(bag: str, record: FlightRecord, policy: Policy) -> None:
     """Refuse decisions that no policy of this mission can have made."""
     mission = policy.mission
+    actions = 2 * mission.k + 4
     for at, decision in record.decided:
         if not decision.state:
             continue
         try:
             policy.space.check([decision.state])
             parse_command(mission, decision.command)
+            if len(decision.values) != actions:
+                raise ValueError(f'values: {len(decision.values)} numbers, not {actions}')
         except ValueError as error:
             raise ValueError(
-                f'{shown(bag)}: at {at:.2f} s: not flown in mission {shown(mission.name)}, with '
-                f'other goals or another grid: {error}'
+                f'{shown(bag)}: at {at:.2f} s: decided in another mission than '
+                f'{shown(mission.name)}: {error}'
             ) from error
-        if len(decision.values) != 2 * mission.k + 4:
-            raise ValueError(
-                f'{shown(bag)}: at {at:.2f} s: values: {len(decision.values)} numbers are not '
-                f'{2 * mission.k + 4}'
-            )
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

@@ -11,18 +11,12 @@ from uav_mission_manager.cli.mission_report import page
 from uav_mission_manager.cli.mission_report.account import Account, account_of
 from uav_mission_manager.cli.mission_report.charge import CHARGE_STYLE, charge_svg, leg_charges
 from uav_mission_manager.cli.mission_report.flight_record import FlightRecord
-from uav_mission_manager.cli.mission_report.goals_done import (
-    SIMULATED,
-    Expectation,
-    Request,
-    expectations,
-    requests,
-)
+from uav_mission_manager.cli.mission_report.goals_done import expectations, requests
+from uav_mission_manager.cli.mission_report.in_short import goals_table, in_short
 from uav_mission_manager.cli.mission_report.page import clock
-from uav_mission_manager.cli.mission_report.story import GoalNames, StoryRow, story
+from uav_mission_manager.cli.mission_report.story import Names, StoryRow, story
 from uav_mission_manager.cli.mission_report.track_map import TRACK_STYLE, time_legend, track_map
 from uav_mission_manager.console.heard import HeardEpoch
-from uav_mission_manager.console.map_overlay import PRIORITY_WORDS
 from uav_mission_manager.console.timeline import block_svg, row_names
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import Energy, Mission
@@ -60,7 +54,8 @@ def flight_page(record: FlightRecord, bag: str, policy: Policy | None) -> str:
         What it was flown by; without it there is no map, and nothing to compare with.
     """
     mission = policy.mission if policy else None
-    names = GoalNames(mission)
+    names = Names(mission)
+    account = account_of(record, mission, names) if mission else None
     rows = story(record, names)
     commands = [row for row in rows if row.number]
     found = requests(record, [goal.name for goal in mission.goals] if mission else [])
@@ -71,15 +66,15 @@ def flight_page(record: FlightRecord, bag: str, policy: Policy | None) -> str:
             f'<style>{TRACK_STYLE}{CHARGE_STYLE}</style>',
             _head(record, bag, policy),
             '<h2>In short</h2>',
-            _in_short(record, commands, found, names),
-            _goals_table(found, names, expectations(found, policy) if policy else None),
+            in_short(record, commands, found, names, account),
+            goals_table(found, names, expectations(found, policy) if policy else None),
             '<h2>What happened, in order</h2>',
             _story_table(rows),
             *_map(record, mission, commands),
             '<h2>Each decision</h2>',
             *_timeline(record, names, mission),
             *_battery(record, mission.energy if mission else None, commands),
-            *_costs(record, policy, names),
+            *(_costs(account) if mission else ()),
         ),
     )
 
@@ -99,7 +94,7 @@ def _head(record: FlightRecord, bag: str, policy: Policy | None) -> str:
     text = page.facts(entries)
     if policy is None:
         return text + page.note(
-            'Without --policy there is no map, and nothing to hold times, energy and costs against.'
+            'Without --policy there is no map, and nothing to hold times, energy and costs by.'
         )
     if set(record.flown_by) - {policy.digest}:
         text += page.note(
@@ -114,96 +109,6 @@ def _head(record: FlightRecord, bag: str, policy: Policy | None) -> str:
             '--speedup: times and energies below are wrong by as much.'
         )
     return text
-
-
-def _in_short(
-    record: FlightRecord, commands: Sequence[StoryRow], found: Sequence[Request], names: GoalNames
-) -> str:
-    air = sum(leg.end - leg.start for leg in record.legs)
-    lines = [
-        f'In the air {_times(len(record.legs))}, for {clock(air)} min in all; '
-        f'{record.way():,.0f} m of track.'
-    ]
-    done = [f'{names[r.goal]} at {clock(r.over)}' for r in found if r.done]
-    lines.append(f'Done: {", ".join(done) or "nothing"}.')
-    missed = [
-        names[r.goal] + (f' (given up at {clock(r.over)})' if math.isfinite(r.over) else '')
-        for r in found
-        if not r.done
-    ]
-    if missed:
-        lines.append(f'Asked for and not done: {", ".join(missed)}.')
-    lines += _turns(commands)
-    if record.refused:
-        refused = ', '.join(f'{shown(n, 60)} at {clock(at)}' for at, n in record.refused)
-        lines.append(f'Out of reach, or failed: {refused}.')
-    lines.append(_who(record))
-    return f'<ul>{"".join(f"<li>{escape(line)}</li>" for line in lines)}</ul>'
-
-
-def _times(count: int) -> str:
-    return {0: 'never', 1: 'once', 2: 'twice'}.get(count, f'{count} times')
-
-
-def _turns(commands: Sequence[StoryRow]) -> Iterator[str]:
-    """Say where it broke off, or flew agile, and why."""
-    for words, what in (('RECHARGE', 'To recharge'), ('GO FOR REPAIR', 'For repair')):
-        turns = [f'{clock(row.at)} ({row.reason})' for row in commands if row.text == words]
-        if turns:
-            yield f'{what}: {"; ".join(turns)}.'
-    evading = [row for row in commands if 'EVAD' in row.text]
-    if evading:
-        turns = [f'{clock(row.at)} ({row.reason})' for row in evading]
-        yield f'Agile, for a threat: {"; ".join(turns)}.'
-
-
-def _who(record: FlightRecord) -> str:
-    if not record.in_command:
-        return 'Who was in command is not known: no bridge was heard.'
-    others = [(at, who) for at, who in record.in_command if who.tone != 'good']
-    if not others:
-        return 'The manager was in command all the time.'
-    told = '; '.join(f'{who.word} from {clock(at)} ({shown(who.why, 120)})' for at, who in others)
-    return f'The manager was not in command all the time: {told}.'
-
-
-def _goals_table(
-    found: Sequence[Request], names: GoalNames, expected: Sequence[Expectation | None] | None
-) -> str:
-    if not found:
-        return page.note('No goal was asked for.')
-    heads = ['goal', 'priority', 'asked at', 'over at', '', 'took']
-    if expected:
-        heads += ['expected (median)', 'simulated flights that took longer']
-    rows = []
-    for place, request in enumerate(found):
-        over = math.isfinite(request.over)
-        row = [
-            names[request.goal],
-            PRIORITY_WORDS[request.priority].removesuffix(' priority'),
-            clock(request.asked),
-            clock(request.over) if over else '',
-            'done' if request.done else 'no longer asked for' if over else 'still open',
-            clock(request.over - request.asked) if request.done else '',
-        ]
-        if expected:
-            row += _expected(expected[place])
-        rows.append(row)
-    text = page.table(heads, rows, (2, 3, 5, 6, 7))
-    if expected:
-        text += page.note(
-            f'Expected: of {SIMULATED:,} simulated flights from the state in which the goal was '
-            'asked for, with the mission’s chances of faults, threats and other requests. They '
-            'know of no take-off, landing, climb or work at the service cell.'
-        )
-    return text
-
-
-def _expected(found: Expectation | None) -> list[str]:
-    if found is None:
-        return ['', '']
-    median = clock(found.median) if math.isfinite(found.median) else 'most never'
-    return [median, '' if found.slower is None else f'{found.slower:.0%}']
 
 
 def _story_table(rows: Sequence[StoryRow]) -> str:
@@ -231,10 +136,10 @@ def _story_table(rows: Sequence[StoryRow]) -> str:
 def _story_row(row: StoryRow) -> str:
     time, what = f'<td class=n>{clock(row.at)}</td>', escape(shown(row.text, 300))
     if not row.number:
-        why = escape(shown(row.reason, 300))
+        why = f': {escape(shown(row.reason, 300))}' if row.reason else ''
         return (
-            f'<tr class="{row.kind or "event"}">{time}<td></td><td class="what">{what}</td>'
-            f'<td colspan="3">{why}</td></tr>'
+            f'<tr class="{row.kind or "event"}">{time}<td></td>'
+            f'<td class="what" colspan="4">{what}{why}</td></tr>'
         )
     news = f'<br><em>{escape("; ".join(row.news))}</em>' if row.news else ''
     return (
@@ -255,9 +160,7 @@ def _map(
     yield '<li>numbers in frames: where the command of that number was given</li></ul>'
 
 
-def _timeline(
-    record: FlightRecord, names: GoalNames, mission: Mission | None
-) -> Iterator[str]:
+def _timeline(record: FlightRecord, names: Names, mission: Mission | None) -> Iterator[str]:
     decided = [each for each in record.decided if each.decision.state][:MOST_COLUMNS]
     if not decided:
         yield page.note('Nothing was decided.')
@@ -294,7 +197,7 @@ def _battery(
         yield page.note('Line: the worst battery. Shaded: in the air.')
         return
     yield page.note(
-        f'Line: the worst battery. Shaded: in the air. Dashed: the mission’s energy model from '
+        "Line: the worst battery. Shaded: in the air. Dashed: the mission's energy model from "
         f'each take-off on, {energy.power:g} W in the air from {energy.capacity:g} Ah at '
         f'{energy.voltage:g} V.'
     )
@@ -320,11 +223,8 @@ def _battery(
     yield page.table(heads, rows, range(7))
 
 
-def _costs(record: FlightRecord, policy: Policy | None, names: GoalNames) -> Iterator[str]:
-    if policy is None:
-        return
+def _costs(account: Account | None) -> Iterator[str]:
     yield '<h2>Cost: expected and paid</h2>'
-    account = account_of(record, policy.mission, names)
     if account is None:
         yield page.note('The flight is shorter than an epoch of the model.')
         return
@@ -332,7 +232,10 @@ def _costs(record: FlightRecord, policy: Policy | None, names: GoalNames) -> Ite
     yield page.table(
         ('', 'cost'),
         [
-            (f'expected at {clock(account.start)}, V of the first state', f'{account.expected:.2f}'),
+            (
+                f'expected at {clock(account.start)}, V of the first state',
+                f'{account.expected:.2f}',
+            ),
             (
                 f'paid in {account.epochs:,} epochs of {account.seconds:.3g} s, discounted',
                 f'{account.paid:.2f}',
@@ -344,7 +247,7 @@ def _costs(record: FlightRecord, policy: Policy | None, names: GoalNames) -> Ite
     )
     yield f'<h3>What made the difference</h3>{_surprises_table(account)}'
     yield page.note(
-        'By the mission’s costs, discounted to the first decision: what each piece of news added '
+        "By the mission's costs, discounted to the first decision: what each piece of news added "
         'to what had been expected a moment before. News that the model holds for unlikely weigh '
         'more; without news a flight is cheaper than expected, unless it is slower than the model.'
     )

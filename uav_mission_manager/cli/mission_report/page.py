@@ -38,13 +38,17 @@ h3{font-size:1rem;margin:1rem 0 .2rem}p{margin:.3rem 0 .6rem}ul{margin:.3rem 0 .
 padding-left:1.3rem}.note,.foot{color:var(--dim);font-size:.85rem}
 table{border-collapse:collapse;width:100%;margin:.5rem 0 1rem;font-size:.92rem}
 th,td{padding:.2rem .5rem;border-bottom:1px solid var(--line);text-align:left;
-vertical-align:top;overflow-wrap:anywhere}
+vertical-align:top;overflow-wrap:break-word}
 th{font-weight:600;color:var(--dim);font-size:.82rem}
-.n{text-align:right;white-space:nowrap;font-variant-numeric:tabular-nums}
+.n{text-align:right;font-variant-numeric:tabular-nums}td.n{white-space:nowrap}
+.story th:nth-child(1){width:3rem}.story th:nth-child(2){width:1.6rem}
+.story th:nth-child(3){width:21%}.story th:nth-child(5){width:25%}
+.story th:nth-child(6){width:3rem}
 tr.command td{background:#eef4fa}tr.command .what{font-weight:700;color:var(--craft)}
 tr.warning .what{font-weight:600;color:#8a5a00}tr.danger .what{font-weight:700;
 color:var(--danger)}.no{display:inline-block;min-width:1.3em;padding:0 .2em;border-radius:.7em;
-background:var(--craft);color:#fff;text-align:center;font-size:.85em;font-weight:700}
+background:var(--craft);color:#fff;text-align:center;font-size:.85em;font-weight:700;
+white-space:nowrap}
 dl.facts{display:grid;grid-template-columns:max-content 1fr;gap:.1rem 1rem;margin:.3rem 0}
 dl.facts dt{color:var(--dim)}dl.facts dd{margin:0;overflow-wrap:anywhere}
 svg{width:100%;height:auto}svg.map{max-height:70vh}
@@ -59,7 +63,8 @@ height:100%;background:var(--craft)}.bar .amount{text-align:right}
 *{-webkit-print-color-adjust:exact;print-color-adjust:exact}
 @page{size:A4;margin:14mm 12mm}
 @media print{body{font-size:9.5pt;margin:0;max-width:none;padding:0}
-h2,h3{break-after:avoid}tr,svg,.strip,figure{break-inside:avoid}thead{display:table-header-group}
+h2,h3,h2+.note{break-after:avoid}tr,svg,.strip,table:not(.story,.maps){break-inside:avoid}
+thead{display:table-header-group}
 svg.map{max-height:120mm}}
 """
 """Style of reports, beside that of maps and timelines."""

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 
+from uav_mission_manager.cli.check.facts import marks
 from uav_mission_manager.drawing.base_map import points_of
 from uav_mission_manager.drawing.places import corners, outline
 from uav_mission_manager.echo import shown
@@ -25,10 +26,12 @@ MOST_GOALS = 6
 """Goals that have a row of maps of their own: a choice, a page."""
 
 MAPS_STYLE = """
-.maps{display:grid;gap:.3rem .6rem;align-items:center;margin:.5rem 0 1rem}
-.maps .head{color:var(--dim);font-size:.85rem;overflow-wrap:anywhere}
-.maps svg{max-height:9rem}.maps text{text-anchor:middle;font-weight:600;fill:#11100e}
-.agile{fill:url(#agile)}.edge-of-cell{stroke:#fff;fill:none}.edge{stroke:#8f8a7d;fill:none}
+.maps td,.maps th{border:0;padding:.15rem .4rem;vertical-align:middle}
+.maps th:first-child{width:7rem}
+.maps svg{max-height:9rem;display:block}.maps text{text-anchor:middle;font-weight:600;fill:#11100e}
+.maps text.sign-of-cell{font-size:6px;font-weight:400;text-anchor:start}
+.agile{fill:url(#agile)}
+.edge{stroke:#8f8a7d;fill:none}
 """
 
 
@@ -62,16 +65,15 @@ def priority_rows(mission: Mission) -> list[MapRow]:
     return [*rows, MapRow('all high, none in range', well, (0,) * k, (2,) * k)]
 
 
-def maps_html(policy: Policy, rows: Sequence[MapRow]) -> str:
+def maps_table(policy: Policy, rows: Sequence[MapRow]) -> str:
     """Return the maps of some rows, a column for each threat level."""
     levels = policy.mission.threat.levels
-    columns = f'grid-template-columns:7rem repeat({len(levels)},minmax(0,1fr))'
-    heads = ''.join(f'<div class="head">threat {escape(level)}</div>' for level in levels)
-    parts = [f'<div class="maps" style="{columns}"><div></div>{heads}']
+    heads = ''.join(f'<th>threat {escape(level)}</th>' for level in levels)
+    parts = [f'<table class="maps"><thead><tr><th></th>{heads}</tr></thead><tbody>']
     for row in rows:
-        parts.append(f'<div class="head">{escape(row.name)}</div>')
-        parts += (_map(policy, row, level) for level in levels)
-    return ''.join((*parts, '</div>'))
+        maps = ''.join(f'<td>{_map(policy, row, level)}</td>' for level in levels)
+        parts.append(f'<tr><th>{escape(row.name)}</th>{maps}</tr>')
+    return '\n'.join((*parts, '</tbody></table>'))
 
 
 def hatch() -> str:
@@ -98,7 +100,9 @@ def legend(mission: Mission) -> str:
             text = action.kind.value
         fill = f'fill="{action_colour(action)}"'
         items.append(f'<li>{box.format(fill)}{_letter(action)}: {escape(text)}</li>')
-    items.append(f'<li>{box.format("class=agile")}in agile mode</li>')
+    hatched = box.format('class="agile"')
+    items.append(f'<li>{hatched}in agile mode</li>')
+    items.append('<li>small letters: base B, service cell S, goals by number</li>')
     return ''.join(items)
 
 
@@ -112,7 +116,7 @@ def _map(policy: Policy, row: MapRow, threat: str) -> str:
     easts, norths = zip(*outline(grid), strict=True)
     left, top = unit * min(easts), -unit * max(norths)
     width, height = unit * (max(easts) - min(easts)), unit * (max(norths) - min(norths))
-    label = escape(f'{row.name}, threat {threat}')
+    label, signs = escape(f'{row.name}, threat {threat}'), marks(mission)
     parts = [
         f'<svg viewBox="{left - 1:.6g} {top - 1:.6g} {width + 2:.6g} {height + 2:.6g}" role="img" '
         f'aria-label="{label}" font-size="13"><g transform="scale({unit:.6g})">',
@@ -123,10 +127,14 @@ def _map(policy: Policy, row: MapRow, threat: str) -> str:
         for cell, action in enumerate(actions):
             east, north = grid.position(cell)
             name = escape(f'cell {cell}: {shown(action_name(mission, action))}')
+            x, y = unit * east, -unit * north
             parts.append(
-                f'<text x="{unit * east:.6g}" y="{4.5 - unit * north:.6g}">{_letter(action)}'
+                f'<text x="{x:.6g}" y="{y + 4.5:.6g}">{_letter(action)}'
                 f'<title>{name}</title></text>'
             )
+            if cell in signs:
+                place = f'x="{x - 11:.6g}" y="{y - 5.5:.6g}"'
+                parts.append(f'<text class="sign-of-cell" {place}>{signs[cell]}</text>')
     return ''.join((*parts, '</svg>'))
 
 

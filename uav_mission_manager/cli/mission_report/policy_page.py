@@ -22,7 +22,7 @@ from uav_mission_manager.cli.mission_report.policy_maps import (
     fault_rows,
     hatch,
     legend,
-    maps_html,
+    maps_table,
     priority_rows,
 )
 from uav_mission_manager.console.markup import bars_html
@@ -68,9 +68,9 @@ def policy_page(policy: Policy, directory: str) -> str:
             '<h2>What it does in each cell</h2>',
             f'<ul class="legend">{legend(mission)}</ul>',
             '<h3>By fault and threat, all goals high and in range</h3>',
-            maps_html(policy, fault_rows(mission)),
+            maps_table(policy, fault_rows(mission)),
             '<h3>By priority and threat, without faults</h3>',
-            maps_html(policy, priority_rows(mission)),
+            maps_table(policy, priority_rows(mission)),
             *_quality(policy),
             *_forecast(policy),
             *_sensitivities(mission, solved, unchecked),
@@ -79,15 +79,15 @@ def policy_page(policy: Policy, directory: str) -> str:
 
 
 def _head(policy: Policy, directory: str) -> str:
-    certificate = policy.certificate
     entries = [
         ('policy set', shown(directory)),
         ('digest', policy.digest),
         ('method', policy.method),
         ('states', f'{policy.space.size:,}'),
         ('goals', str(policy.mission.k)),
-        ('certificate', certificate.holds if certificate else 'none'),
     ]
+    if policy.certificate:
+        entries.append(('certificate', f'its upper bound holds {policy.upper_bound_holds}'))
     warnings = ''.join(f'<p><b>{escape(text)}</b></p>' for text in policy.warnings)
     return page.facts(entries) + warnings
 

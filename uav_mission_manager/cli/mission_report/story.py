@@ -45,10 +45,11 @@ class StoryRow:
     cost: str = ''
 
 
-class GoalNames:
-    """Names of goals; by their numbers where the mission is not known."""
+class Names:
+    """Names of goals and commands; of goals their numbers where the mission is not known."""
 
     def __init__(self, mission: Mission | None) -> None:
+        self._base = mission.grid.base if mission else None
         self._names = [shown(goal.name, 60) for goal in mission.goals] if mission else []
 
     def __getitem__(self, position: int) -> str:
@@ -59,10 +60,14 @@ class GoalNames:
     def wanted(self, priorities: Sequence[int]) -> str:
         """Say which goals have which priority."""
         found = [f'{self[j]} {PRIORITY_WORDS[g]}' for j, g in enumerate(priorities) if 0 < g < 3]
-        return ', '.join(found) or 'nothing'
+        return ', '.join(found)
+
+    def command(self, command: str, state: Sequence[int]) -> str:
+        """Return a command in large words."""
+        return headline(command, bool(state) and state[-4] == self._base)
 
 
-def story(record: FlightRecord, names: GoalNames) -> list[StoryRow]:
+def story(record: FlightRecord, names: Names) -> list[StoryRow]:
     """Return what happened, in order; of one moment first what was heard, then the command."""
     events = [
         *(StoryRow(each.at, each.line.level, each.line.text) for each in record.happened),
@@ -74,12 +79,14 @@ def story(record: FlightRecord, names: GoalNames) -> list[StoryRow]:
     return sorted(rows, key=lambda row: (row.at, row.number > 0))
 
 
-def _requests(record: FlightRecord, names: GoalNames) -> Iterator[StoryRow]:
+def _requests(record: FlightRecord, names: Names) -> Iterator[StoryRow]:
     before: tuple[int, ...] = ()
     for at, asked in record.asked:
         raised = any(g > (before[j] if j < len(before) else 0) for j, g in enumerate(asked))
-        word = 'asked for' if raised else 'still asked for'
-        yield StoryRow(at, '', f'{word}: {names.wanted(asked)}')
+        text = f'{"asked for" if raised else "still asked for"}: {names.wanted(asked)}'
+        if not any(asked):
+            text = 'no goal is asked for any more' if any(before) else 'no goal is asked for'
+        yield StoryRow(at, '', text)
         before = asked
 
 
@@ -98,7 +105,7 @@ def _authorities(record: FlightRecord) -> Iterator[StoryRow]:
             yield StoryRow(at, tone, f'in command: {who.word}{why}')
 
 
-def command_rows(decided: Sequence[Decided], names: GoalNames) -> Iterator[StoryRow]:
+def command_rows(decided: Sequence[Decided], names: Names) -> Iterator[StoryRow]:
     """Yield the commands, each where it differs from the one before."""
     number, last, since = 0, None, HeardDecision('')
     for at, decision in decided:
@@ -114,26 +121,33 @@ def command_rows(decided: Sequence[Decided], names: GoalNames) -> Iterator[Story
         yield StoryRow(
             at,
             'command',
-            headline(decision.command),
+            names.command(decision.command, decision.state),
             number,
-            tuple(state_news(before.state, decision.state, names)),
+            _since(before.state, decision.state, names),
             decision.reason.partition('; expected cost')[0],
-            _second(decision),
+            _second(decision, names),
             f'{min(decision.values):.4g}' if decision.values else '',
         )
 
 
-def _second(decision: HeardDecision) -> str:
+def _since(before: Sequence[int], after: Sequence[int], names: Names) -> tuple[str, ...]:
+    """Say what has changed since the command before: if nothing else, where the vehicle is."""
+    news = tuple(state_news(before, after, names))
+    if not news and before and len(before) == len(after) and before[-4] != after[-4]:
+        return (f'in cell {after[-4]} by now',)
+    return news
+
+
+def _second(decision: HeardDecision, names: Names) -> str:
     if not decision.runner_up:
         return 'nothing else was allowed'
+    text = names.command(decision.runner_up, decision.state)
     if decision.margin < 0:
-        return f'{decision.runner_up}, {-decision.margin:.3g} less, after a wait'
-    return f'{decision.runner_up}, {decision.margin:.3g} more'
+        return f'{text}, {-decision.margin:.3g} less, after a wait'
+    return f'{text}, {decision.margin:.3g} more'
 
 
-def state_news(
-    before: Sequence[int], after: Sequence[int], names: GoalNames
-) -> Iterator[str]:
+def state_news(before: Sequence[int], after: Sequence[int], names: Names) -> Iterator[str]:
     """Say what has changed from state to state, but for what the vehicle does itself."""
     if len(before) != len(after) or not after:
         return
@@ -149,6 +163,6 @@ def state_news(
     for j in range(k):
         was, now = before[1 + k + j], after[1 + k + j]
         if was != now:
-            yield f'{names[j]}: {PRIORITY_WORDS[now]}'
+            yield f'{names[j]}: {PRIORITY_WORDS[now]}{"" if now else " any more"}'
     if before[-2] != after[-2]:
         yield f'threat {THREAT_LEVELS[before[-2]]} → {THREAT_LEVELS[after[-2]]}'

@@ -63,9 +63,9 @@ def track_map(mission: Mission, record: FlightRecord, commands: Sequence[StoryRo
         opening(mission, scale).replace('<svg ', '<svg class="map" ', 1),
         *ground(mission, scale),
         *waypoints(mission, scale),
+        *_track(record, scale),
         *stations(mission, scale),
         *_goals(mission, scale),
-        *_track(record, scale),
         *_marks(record, commands, scale),
         *frame(scale),
         '</svg>',
@@ -129,9 +129,7 @@ def marks(record: FlightRecord, commands: Sequence[StoryRow], apart: float) -> l
         place = record.place_at(row.at)
         if place is None:
             continue
-        near = next(
-            (m for m in found if math.dist((m.east, m.north), place[1:3]) < apart), None
-        )
+        near = next((m for m in found if math.dist((m.east, m.north), place[1:3]) < apart), None)
         if near is None:
             found.append(Mark(place.east, place.north, [row.number]))
         else:
