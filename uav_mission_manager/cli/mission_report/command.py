@@ -99,7 +99,7 @@ def _flight_report(options: argparse.Namespace, bag: Path) -> str:
 
 
 def _check_states(bag: str, record: FlightRecord) -> None:
-    """Refuse what is no state of any mission; length and threat were looked at when it was read."""
+    """Refuse what is no state of any mission; length and threat were looked at before."""
     for at, decision in record.decided:
         state, k = decision.state, (len(decision.state) - 5) // 2
         if not state:

@@ -145,7 +145,7 @@ def _story_row(row: StoryRow) -> str:
     return (
         f'<tr class="command">{time}<td><span class="no">{row.number}</span></td>'
         f'<td class="what">{what}</td><td>{escape(shown(row.reason, 300))}{news}</td>'
-        f'<td>{escape(row.second)}</td><td class=n>{escape(row.cost)}</td></tr>'
+        f'<td>{escape(shown(row.second))}</td><td class=n>{escape(row.cost)}</td></tr>'
     )
 
 

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 from uav_mission_manager.cli.recorded_flight import DECISIONS, heard_messages
 from uav_mission_manager.console.heard import TRAIL_BREAK, Heard, HeardDecision, LogLine
 from uav_mission_manager.console.messages import (
-    DECISION_TOPIC,
     DIAGNOSTICS_TOPIC,
     Moment,
     bridge_reports,
@@ -25,10 +24,6 @@ more than its height is off by in a minute."""
 
 SPEED_WINDOW = 2.0
 """Time [s] over which the speed is measured, at least: a choice, a few positions."""
-
-
-TOLD_OTHERWISE = (DECISION_TOPIC, 'goal_priorities')
-"""Topics of which reports tell more than a line of the log."""
 
 
 class Place(NamedTuple):
@@ -183,6 +178,7 @@ class _Listener:
 
     def _note(self, before: Heard, topic: str, message: Any, at: float) -> None:
         now, record = self._heard, self._record
+        told_otherwise = now.decision is not before.decision or now.asked is not before.asked
         if now.epochs is not before.epochs and now.decision is not None:
             record.decided.append(Decided(at, now.decision.value))
         if now.asked and (not before.asked or now.asked.value != before.asked.value):
@@ -195,7 +191,7 @@ class _Listener:
             record.charges.append((at, min(noted.value for noted in now.batteries.values())))
         if now.bridge is not before.bridge:
             self._note_bridge(at, message)
-        elif now.log is not before.log and topic not in TOLD_OTHERWISE:
+        elif now.log is not before.log and not told_otherwise:
             record.happened.append(Happening(at, now.log[-1]))
         for kind, found in (
             ('goal_completed', record.completed),

@@ -89,8 +89,8 @@ def requests(record: FlightRecord, names: list[str]) -> list[Request]:
 def _over(request: Request, at: float, record: FlightRecord, names: list[str]) -> Request:
     name = names[request.goal] if request.goal < len(names) else ''
     latest = at + ORDER_SLACK * record.speedup
-    done = any(n == name and request.asked <= t <= latest for t, n in record.completed)
-    return replace(request, over=at, done=done)
+    done = [t for t, n in record.completed if n == name and request.asked <= t <= latest]
+    return replace(request, over=done[-1] if done else at, done=bool(done))
 
 
 def expectations(found: list[Request], policy: Policy) -> list[Expectation | None]:

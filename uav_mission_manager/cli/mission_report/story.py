@@ -70,10 +70,10 @@ class Names:
 def story(record: FlightRecord, names: Names) -> list[StoryRow]:
     """Return what happened, in order; of one moment first what was heard, then the command."""
     events = [
+        *_authorities(record),
         *(StoryRow(each.at, each.line.level, each.line.text) for each in record.happened),
         *_requests(record, names),
         *_flights(record),
-        *_authorities(record),
     ]
     rows = [*events, *command_rows(record.decided, names)]
     return sorted(rows, key=lambda row: (row.at, row.number > 0))
