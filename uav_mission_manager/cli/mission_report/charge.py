@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -57,16 +56,10 @@ def leg_charges(record: FlightRecord, energy: Energy) -> list[LegCharge]:
         return []
     full, found = energy.capacity * energy.voltage, []
     for leg in record.legs:
-        first, last = (charge_at(record, at) for at in leg)
+        first, last = map(record.charge_at, leg)
         hours = (leg.end - leg.start) / SECONDS_PER_HOUR
         found.append(LegCharge(leg, first, last, (first - last) * full, hours * energy.power))
     return found
-
-
-def charge_at(record: FlightRecord, at: float) -> float:
-    """Return the charge last heard at a time [s]."""
-    place = bisect_right(record.charges, at, key=lambda entry: entry[0])
-    return record.charges[max(place - 1, 0)][1]
 
 
 def charge_svg(record: FlightRecord, energy: Energy | None, commands: Sequence[StoryRow]) -> str:

@@ -58,7 +58,7 @@ def flight_page(record: FlightRecord, bag: str, policy: Policy | None) -> str:
     account = account_of(record, mission, names) if mission else None
     rows = story(record, names)
     commands = [row for row in rows if row.number]
-    found = requests(record, [goal.name for goal in mission.goals] if mission else [])
+    found = requests(record, [goal.name for goal in mission.goals]) if mission else []
     title = f'Flight of {record.vehicle or "/"}' + (f': {shown(mission.name)}' if mission else '')
     return page.page(
         title,
@@ -67,7 +67,7 @@ def flight_page(record: FlightRecord, bag: str, policy: Policy | None) -> str:
             _head(record, bag, policy),
             '<h2>In short</h2>',
             in_short(record, commands, found, names, account),
-            goals_table(found, names, expectations(found, policy) if policy else None),
+            goals_table(found, names, expectations(found, policy)) if policy else '',
             '<h2>What happened, in order</h2>',
             _story_table(rows),
             *_map(record, mission, commands),
@@ -226,7 +226,7 @@ def _battery(
 def _costs(account: Account | None) -> Iterator[str]:
     yield '<h2>Cost: expected and paid</h2>'
     if account is None:
-        yield page.note('The flight is shorter than an epoch of the model.')
+        yield page.note('Not known: it is shorter than an epoch, or the mission has no speed.')
         return
     total = account.paid + account.left
     yield page.table(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +22,10 @@ from uav_mission_manager.console.words import InCommand, authority
 OFF_GROUND = 0.5
 """Height [m] above the place where it stood from which a vehicle counts as in the air: a choice,
 more than its height is off by in a minute."""
+
+ORDER_SLACK = 1.0
+"""Time of the bag [s] by which what was said later may be recorded earlier: a choice, of two
+processes on a busy machine."""
 
 SPEED_WINDOW = 2.0
 """Time [s] over which the speed is measured, at least: a choice, a few positions."""
@@ -102,6 +107,16 @@ class FlightRecord:
     def flown_by(self) -> list[str]:
         """Digests of the policy sets that decided, in order, without repetitions."""
         return list(dict.fromkeys(d.decision.digest for d in self.decided if d.decision.state))
+
+    @property
+    def slack(self) -> float:
+        """Time of the flight [s] by which two things may be recorded in the wrong order."""
+        return ORDER_SLACK * self.speedup
+
+    def charge_at(self, at: float) -> float:
+        """Return the charge last heard at a time [s]; NaN where none was heard."""
+        place = bisect_right(self.charges, at, key=lambda entry: entry[0])
+        return self.charges[max(place - 1, 0)][1] if self.charges else math.nan
 
     def way(self) -> float:
         """Length of the track [m], jumps left out."""

@@ -21,10 +21,6 @@ SIMULATED = 1000
 MOST_SIMULATED = 12
 """Requests for which flights are simulated: a choice, of some seconds."""
 
-ORDER_SLACK = 1.0
-"""Time of the bag [s] by which what was said later may be recorded earlier: a choice, of two
-processes on a busy machine."""
-
 
 @dataclass(frozen=True)
 class Request:
@@ -88,7 +84,7 @@ def requests(record: FlightRecord, names: list[str]) -> list[Request]:
 
 def _over(request: Request, at: float, record: FlightRecord, names: list[str]) -> Request:
     name = names[request.goal] if request.goal < len(names) else ''
-    latest = at + ORDER_SLACK * record.speedup
+    latest = at + record.slack
     done = [t for t, n in record.completed if n == name and request.asked <= t <= latest]
     return replace(request, over=done[-1] if done else at, done=bool(done))
 

@@ -29,7 +29,7 @@ def in_short(
         f'In the air {_times(len(record.legs))}, for {clock(air)} min in all; '
         f'{record.way():,.0f} m of track.'
     ]
-    done = [f'{names[r.goal]} at {clock(r.over)}' for r in found if r.done]
+    done = [f'{shown(name, 60)} at {clock(at)}' for at, name in record.completed]
     lines.append(f'Done: {", ".join(done) or "nothing"}.')
     missed = [
         names[r.goal] + (f' (given up at {clock(r.over)})' if math.isfinite(r.over) else '')
@@ -38,7 +38,7 @@ def in_short(
     ]
     if missed:
         lines.append(f'Asked for and not done: {", ".join(missed)}.')
-    lines += _turns(commands)
+    lines += _turns(record, commands)
     if record.refused:
         refused = ', '.join(f'{shown(n, 60)} at {clock(at)}' for at, n in record.refused)
         lines.append(f'Out of reach, or failed: {refused}.')
@@ -56,16 +56,26 @@ def _times(count: int) -> str:
     return {0: 'never', 1: 'once', 2: 'twice'}.get(count, f'{count} times')
 
 
-def _turns(commands: Sequence[StoryRow]) -> Iterator[str]:
+def _turns(record: FlightRecord, commands: Sequence[StoryRow]) -> Iterator[str]:
     """Say where it broke off, or flew agile, and why."""
-    for words, what in (('RECHARGE', 'To recharge'), ('GO FOR REPAIR', 'For repair')):
-        turns = [f'{clock(row.at)} ({row.reason})' for row in commands if row.text == words]
-        if turns:
-            yield f'{what}: {"; ".join(turns)}.'
+    turns = [
+        f'{clock(row.at)} ({row.reason}; charge {_percent(record.charge_at(row.at))})'
+        for row in commands
+        if row.text == 'RECHARGE'
+    ]
+    if turns:
+        yield f'To recharge: {"; ".join(turns)}.'
+    turns = [f'{clock(row.at)} ({row.reason})' for row in commands if row.text == 'GO FOR REPAIR']
+    if turns:
+        yield f'For repair: {"; ".join(turns)}.'
     evading = [row for row in commands if 'EVAD' in row.text]
     if evading:
         turns = [f'{clock(row.at)} ({row.reason})' for row in evading]
         yield f'Agile, for a threat: {"; ".join(turns)}.'
+
+
+def _percent(charge: float) -> str:
+    return 'not known' if math.isnan(charge) else f'{charge:.0%}'
 
 
 def _who(record: FlightRecord) -> str:
@@ -79,36 +89,33 @@ def _who(record: FlightRecord) -> str:
 
 
 def goals_table(
-    found: Sequence[Request], names: Names, expected: Sequence[Expectation | None] | None
+    found: Sequence[Request], names: Names, expected: Sequence[Expectation | None]
 ) -> str:
     """Return when each goal was asked for and done, beside what was expected."""
     if not found:
-        return page.note('No goal was asked for.')
-    heads = ['goal', 'priority', 'asked at', 'over at', '', 'took']
-    if expected:
-        heads += ['expected (median)', 'simulated flights that took longer']
+        return page.note('The manager wanted no goal.')
+    heads = ('goal', 'priority', 'asked at', 'over at', '', 'took', 'expected (median)')
     rows = []
-    for place, request in enumerate(found):
+    for request, simulated in zip(found, expected):
         over = math.isfinite(request.over)
-        row = [
-            names[request.goal],
-            PRIORITY_WORDS[request.priority].removesuffix(' priority'),
-            clock(request.asked),
-            clock(request.over) if over else '',
-            'done' if request.done else 'no longer asked for' if over else 'still open',
-            clock(request.over - request.asked) if request.done else '',
-        ]
-        if expected:
-            row += _expected(expected[place])
-        rows.append(row)
-    text = page.table(heads, rows, (2, 3, 5, 6, 7))
-    if expected:
-        text += page.note(
+        rows.append(
+            (
+                names[request.goal],
+                PRIORITY_WORDS[request.priority].removesuffix(' priority'),
+                clock(request.asked),
+                clock(request.over) if over else '',
+                'done' if request.done else 'no longer asked for' if over else 'still open',
+                clock(request.over - request.asked) if request.done else '',
+                *_expected(simulated),
+            )
+        )
+    return page.table((*heads, 'simulated flights that took longer'), rows, (2, 3, 5, 6, 7)) + (
+        page.note(
             f'Expected: of {SIMULATED:,} simulated flights from the state in which the goal was '
             "asked for, with the mission's chances of faults, threats and other requests. They "
             'know of no take-off, landing, climb or work at the service cell.'
         )
-    return text
+    )
 
 
 def _expected(found: Expectation | None) -> list[str]:

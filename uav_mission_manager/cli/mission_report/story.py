@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from uav_mission_manager.cli.mission_report.flight_record import Decided, FlightRecord
 from uav_mission_manager.console.heard import HeardDecision
@@ -11,6 +12,9 @@ from uav_mission_manager.console.map_overlay import PRIORITY_WORDS
 from uav_mission_manager.console.words import headline
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, Mission
+
+CHARGE_JUMP = 0.1
+"""Change of the charge between two messages that is told: a choice, minutes of flight."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +77,7 @@ def story(record: FlightRecord, names: Names) -> list[StoryRow]:
         *_authorities(record),
         *(StoryRow(each.at, each.line.level, each.line.text) for each in record.happened),
         *_requests(record, names),
+        *_jumps(record),
         *_flights(record),
     ]
     rows = [*events, *command_rows(record.decided, names)]
@@ -80,14 +85,28 @@ def story(record: FlightRecord, names: Names) -> list[StoryRow]:
 
 
 def _requests(record: FlightRecord, names: Names) -> Iterator[StoryRow]:
+    """Tell what was asked for, but not that a goal just completed is not asked for any more."""
     before: tuple[int, ...] = ()
     for at, asked in record.asked:
-        raised = any(g > (before[j] if j < len(before) else 0) for j, g in enumerate(asked))
+        was = before if len(before) == len(asked) else (0,) * len(asked)
+        raised = any(g > earlier for g, earlier in zip(asked, was))
+        lowered = {names[j] for j, (g, earlier) in enumerate(zip(asked, was)) if g < earlier}
+        done = {shown(n, 60) for t, n in record.completed if abs(t - at) <= record.slack}
+        before = asked
+        if lowered and not raised and lowered <= done:
+            continue
         text = f'{"asked for" if raised else "still asked for"}: {names.wanted(asked)}'
         if not any(asked):
-            text = 'no goal is asked for any more' if any(before) else 'no goal is asked for'
+            text = 'no goal is asked for any more' if any(was) else 'no goal is asked for'
         yield StoryRow(at, '', text)
-        before = asked
+
+
+def _jumps(record: FlightRecord) -> Iterator[StoryRow]:
+    """Tell where the charge jumps: a battery that was changed, or is not what it said it was."""
+    for (_, was), (at, charge) in pairwise(record.charges):
+        if abs(charge - was) >= CHARGE_JUMP:
+            tone = 'warning' if charge < was else ''
+            yield StoryRow(at, tone, f'charge of the battery jumps from {was:.0%} to {charge:.0%}')
 
 
 def _flights(record: FlightRecord) -> Iterator[StoryRow]:
@@ -118,13 +137,15 @@ def command_rows(decided: Sequence[Decided], names: Names) -> Iterator[StoryRow]
             yield StoryRow(at, 'warning', 'no command', reason=decision.reason)
             continue
         number += 1
+        reason = decision.reason.partition('; expected cost')[0]
+        news = _since(before.state, decision.state, names)
         yield StoryRow(
             at,
             'command',
             names.command(decision.command, decision.state),
             number,
-            _since(before.state, decision.state, names),
-            decision.reason.partition('; expected cost')[0],
+            tuple(text for text in news if text != reason),
+            reason,
             _second(decision, names),
             f'{min(decision.values):.4g}' if decision.values else '',
         )
