@@ -141,7 +141,8 @@ class FlightRecord:
 
     def place_at(self, at: float) -> Place | None:
         """Where it was last heard to be at a time."""
-        return next((place for place in reversed(self.track) if place.at <= at), None)
+        count = bisect_right(self.track, at, key=lambda place: place.at)
+        return self.track[count - 1] if count else None
 
 
 def flight_record(path: Path, vehicle: str | None, speedup: float = 1.0) -> FlightRecord:
