@@ -11,7 +11,7 @@ from uav_mission_manager.cli.mission_report import page
 from uav_mission_manager.cli.mission_report.account import Account, account_of
 from uav_mission_manager.cli.mission_report.charge import CHARGE_STYLE, charge_svg, leg_charges
 from uav_mission_manager.cli.mission_report.flight_record import FlightRecord
-from uav_mission_manager.cli.mission_report.goals_done import expectations, requests
+from uav_mission_manager.cli.mission_report.goals_done import expectations, requests, simulated
 from uav_mission_manager.cli.mission_report.in_short import goals_table, in_short
 from uav_mission_manager.cli.mission_report.page import clock
 from uav_mission_manager.cli.mission_report.story import Names, StoryRow, story
@@ -67,7 +67,9 @@ def flight_page(record: FlightRecord, bag: str, policy: Policy | None) -> str:
             _head(record, bag, policy),
             '<h2>In short</h2>',
             in_short(record, commands, found, names, account),
-            goals_table(found, names, expectations(found, policy)) if policy else '',
+            goals_table(found, names, expectations(found, policy), simulated(policy))
+            if policy
+            else '',
             '<h2>What happened, in order</h2>',
             _story_table(rows),
             *_map(record, mission, commands),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,15 +12,19 @@ from uav_mission_manager.cli.mission_report.flight_record import FlightRecord
 from uav_mission_manager.mdp.arrays import FloatArray
 from uav_mission_manager.mdp.epoch import SECONDS_PER_MINUTE
 from uav_mission_manager.mdp.fields import Bad
-from uav_mission_manager.policy import Policy
+from uav_mission_manager.policy import ExpansionPolicy, Policy
 from uav_mission_manager.solver.evaluation.flights import fly
 from uav_mission_manager.solver.evaluation.forecast import forecast_epochs, minutes_until_done
 
-SIMULATED = 1000
-"""Flights that an expectation is made of: a choice, shares to three hundredths."""
+SIMULATED, EXPANSION_SIMULATED = 1000, 100
+"""Flights that an expectation is made of: choices, of shares to three hundredths, and to a
+tenth where an expansion decides, which takes long."""
 
 MOST_SIMULATED = 12
 """Requests for which flights are simulated: a choice, of some seconds."""
+
+SIMULATION_SECONDS = 10.0
+"""Time [s] after which no more of them are begun: a choice."""
 
 
 @dataclass(frozen=True)
@@ -89,16 +94,22 @@ def _over(request: Request, at: float, record: FlightRecord, names: list[str]) -
     return replace(request, over=done[-1] if done else at, done=bool(done))
 
 
+def simulated(policy: Policy) -> int:
+    """Return of how many flights of a policy an expectation is made."""
+    return EXPANSION_SIMULATED if isinstance(policy, ExpansionPolicy) else SIMULATED
+
+
 def expectations(found: list[Request], policy: Policy) -> list[Expectation | None]:
     """Simulate flights from where each goal was asked for; None where that is not known."""
     try:
         epochs = forecast_epochs(policy.mission)
     except Bad:
         return [None] * len(found)
-    minutes: dict[tuple[int, ...], FloatArray] = {}
+    began, minutes = time.perf_counter(), dict[tuple[int, ...], FloatArray]()
     for request in found:
-        if request.state not in minutes and len(minutes) < MOST_SIMULATED:
-            rows = np.repeat(policy.space.check([request.state]), SIMULATED, axis=0)
+        late = time.perf_counter() - began > SIMULATION_SECONDS
+        if request.state not in minutes and len(minutes) < MOST_SIMULATED and not late:
+            rows = np.repeat(policy.space.check([request.state]), simulated(policy), axis=0)
             rng = np.random.default_rng(0)
             flights = fly(policy.mission, policy.act, rows, epochs, rng)
             minutes[request.state] = minutes_until_done(flights)

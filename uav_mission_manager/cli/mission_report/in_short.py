@@ -9,7 +9,7 @@ from html import escape
 from uav_mission_manager.cli.mission_report import page
 from uav_mission_manager.cli.mission_report.account import Account
 from uav_mission_manager.cli.mission_report.flight_record import FlightRecord
-from uav_mission_manager.cli.mission_report.goals_done import SIMULATED, Expectation, Request
+from uav_mission_manager.cli.mission_report.goals_done import Expectation, Request
 from uav_mission_manager.cli.mission_report.page import clock
 from uav_mission_manager.cli.mission_report.story import Names, StoryRow
 from uav_mission_manager.console.map_overlay import PRIORITY_WORDS
@@ -89,14 +89,14 @@ def _who(record: FlightRecord) -> str:
 
 
 def goals_table(
-    found: Sequence[Request], names: Names, expected: Sequence[Expectation | None]
+    found: Sequence[Request], names: Names, expected: Sequence[Expectation | None], count: int
 ) -> str:
-    """Return when each goal was asked for and done, beside what was expected."""
+    """Return when each goal was asked for and done, beside `count` simulated flights."""
     if not found:
         return page.note('The manager wanted no goal.')
     heads = ('goal', 'priority', 'asked at', 'over at', '', 'took', 'expected (median)')
     rows = []
-    for request, simulated in zip(found, expected):
+    for request, expectation in zip(found, expected):
         over = math.isfinite(request.over)
         rows.append(
             (
@@ -106,12 +106,12 @@ def goals_table(
                 clock(request.over) if over else '',
                 'done' if request.done else 'no longer asked for' if over else 'still open',
                 clock(request.over - request.asked) if request.done else '',
-                *_expected(simulated),
+                *_expected(expectation),
             )
         )
     return page.table((*heads, 'simulated flights that took longer'), rows, (2, 3, 5, 6, 7)) + (
         page.note(
-            f'Expected: of {SIMULATED:,} simulated flights from the state in which the goal was '
+            f'Expected: of {count:,} simulated flights from the state in which the goal was '
             "asked for, with the mission's chances of faults, threats and other requests. They "
             'know of no take-off, landing, climb or work at the service cell.'
         )
