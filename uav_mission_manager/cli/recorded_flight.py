@@ -31,7 +31,7 @@ TRACE = '/manager/trace'
 DECISIONS = f'/{DECISION_TOPIC}'
 """Topic of the decisions, after the vehicle's namespace."""
 
-KINDS = {TRACE: 'std_msgs/msg/String', DECISIONS: 'diagnostic_msgs/msg/DiagnosticArray'}
+VEHICLE_TOPICS = {TRACE: 'std_msgs/msg/String', DECISIONS: 'diagnostic_msgs/msg/DiagnosticArray'}
 """What the topics are of by which a vehicle is found."""
 
 LOOSE_FILES = '.mcap', '.db3'
@@ -119,7 +119,7 @@ def heard_messages(path: Path, vehicle: str | None, topic: str) -> Iterator[Hear
     path, vehicle
         See `recorded_trace`.
     topic : str
-        A key of `KINDS`.
+        A key of `VEHICLE_TOPICS`.
 
     Raises
     ------
@@ -181,7 +181,7 @@ def _chosen(path: Path, connections: Sequence[Connection], vehicle: str | None, 
     vehicles = {
         each.topic.removesuffix(topic)
         for each in connections
-        if each.topic.endswith(topic) and each.msgtype == KINDS[topic]
+        if each.topic.endswith(topic) and each.msgtype == VEHICLE_TOPICS[topic]
     }
     names = ', '.join(sorted(name or '/' for name in vehicles))
     if not vehicles:

@@ -24,7 +24,7 @@ from uav_mission_manager.mdp import Mission, stage_costs
 from uav_mission_manager.onboard import parse_command
 from uav_mission_manager.solver.evaluation.forecast import epoch_length
 
-MOST_EPOCHS = 100_000
+MOST_EPOCHS_COUNTED = 100_000
 """Epochs of a flight that are counted, at most: a choice, days."""
 
 
@@ -85,7 +85,7 @@ def account_of(record: FlightRecord, mission: Mission, names: Names) -> Account 
     if not decided or mission.energy is None:
         return None
     seconds, start = epoch_length(mission), decided[0].at
-    epochs = min(math.floor((record.end - start) / seconds), MOST_EPOCHS)
+    epochs = min(math.floor((record.end - start) / seconds), MOST_EPOCHS_COUNTED)
     if epochs < 1:
         return None
     taken = _taken(decided, [start + seconds * n for n in range(epochs + 1)])

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-from uav_mission_manager.cli.mission_report.flight_record import FlightRecord, Leg
+from uav_mission_manager.cli.mission_report.flight_record import AirTime, FlightRecord
 from uav_mission_manager.cli.mission_report.page import clock
 from uav_mission_manager.cli.mission_report.story import StoryRow
 from uav_mission_manager.mdp import Energy
 from uav_mission_manager.mdp.epoch import SECONDS_PER_HOUR
 
-WIDTH, HEIGHT, LEFT, TOP = 900, 240, 44, 22
+CHART_WIDTH, CHART_HEIGHT, CHART_LEFT, CHART_TOP = 900, 240, 44, 22
 """Size of the picture and of its margins, in its own units."""
 
-MOST_POINTS = 1500
+MOST_CHARGES = 1500
 """Points of the line of charge: a choice, more than a page has dots."""
 
 MARK_ROOM = 16.0
@@ -36,14 +36,14 @@ class LegCharge:
 
     Attributes
     ----------
-    leg : Leg
+    leg : AirTime
     first, last : float
         Charge at its beginning and end, 0 to 1.
     drawn, planned : float
         Energy [Wh]: by the change of the charge, and by the power of the mission.
     """
 
-    leg: Leg
+    leg: AirTime
     first: float
     last: float
     drawn: float
@@ -67,27 +67,28 @@ def charge_svg(record: FlightRecord, energy: Energy | None, commands: Sequence[S
     end = max(record.end, 1e-9)
 
     def x(at: float) -> float:
-        return LEFT + (WIDTH - LEFT - 10) * at / end
+        return CHART_LEFT + (CHART_WIDTH - CHART_LEFT - 10) * at / end
 
     def y(charge: float) -> float:
-        return TOP + (HEIGHT - TOP - 24) * (1.0 - charge)
+        return CHART_TOP + (CHART_HEIGHT - CHART_TOP - 24) * (1.0 - charge)
 
     parts = [
-        f'<svg class="charge" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" '
+        f'<svg class="charge" viewBox="0 0 {CHART_WIDTH} {CHART_HEIGHT}" role="img" '
         'aria-label="charge of the battery over the time">'
     ]
     for leg in record.legs:
         width = x(leg.end) - x(leg.start)
         parts.append(
-            f'<rect class="air" x="{x(leg.start):.1f}" y="{TOP}" width="{width:.1f}" '
-            f'height="{y(0.0) - TOP:.1f}"/>'
+            f'<rect class="air" x="{x(leg.start):.1f}" y="{CHART_TOP}" width="{width:.1f}" '
+            f'height="{y(0.0) - CHART_TOP:.1f}"/>'
         )
     for charge in (0.0, 0.25, 0.5, 0.75, 1.0):
-        parts.append(f'<path class="axis" d="M{LEFT} {y(charge):.1f}H{WIDTH - 10}"/>')
+        parts.append(f'<path class="axis" d="M{CHART_LEFT} {y(charge):.1f}H{CHART_WIDTH - 10}"/>')
         parts.append(f'<text x="4" y="{y(charge) + 4:.1f}">{charge:.0%}</text>')
     for share in range(7):
         at = end * share / 6
-        parts.append(f'<text x="{min(x(at), WIDTH - 40):.1f}" y="{HEIGHT - 6}">{clock(at)}</text>')
+        left = min(x(at), CHART_WIDTH - 40)
+        parts.append(f'<text x="{left:.1f}" y="{CHART_HEIGHT - 6}">{clock(at)}</text>')
     parts += _marks(commands, x, y(0.0))
     plan = []
     if energy is not None:
@@ -105,7 +106,7 @@ def charge_svg(record: FlightRecord, energy: Energy | None, commands: Sequence[S
 
 def _thinned(charges: Sequence[tuple[float, float]]) -> Iterator[tuple[float, float]]:
     """Leave out what lies between equal charges, and of very many all but some."""
-    step = max(len(charges) // MOST_POINTS, 1)
+    step = max(len(charges) // MOST_CHARGES, 1)
     for place, (at, charge) in enumerate(charges):
         same = 0 < place < len(charges) - 1 and (
             charges[place - 1][1] == charge == charges[place + 1][1]
@@ -121,7 +122,7 @@ def _marks(
     last = -MARK_ROOM
     for row in commands:
         place = x(row.at)
-        yield f'<path class="at" d="M{place:.1f} {TOP}V{bottom:.1f}"/>'
+        yield f'<path class="at" d="M{place:.1f} {CHART_TOP}V{bottom:.1f}"/>'
         if place - last >= MARK_ROOM:
-            yield f'<text class="mark" x="{place - 4:.1f}" y="{TOP - 6}">{row.number}</text>'
+            yield f'<text class="mark" x="{place - 4:.1f}" y="{CHART_TOP - 6}">{row.number}</text>'
             last = place

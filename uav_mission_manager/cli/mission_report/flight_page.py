@@ -16,16 +16,17 @@ from uav_mission_manager.cli.mission_report.in_short import goals_table, in_shor
 from uav_mission_manager.cli.mission_report.page import clock
 from uav_mission_manager.cli.mission_report.story import Names, StoryRow, story
 from uav_mission_manager.cli.mission_report.track_map import TRACK_STYLE, time_legend, track_map
+from uav_mission_manager.cli.replay_view import DIGITS
 from uav_mission_manager.console.heard import HeardEpoch
 from uav_mission_manager.console.timeline import block_svg, row_names
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import Energy, Mission
 from uav_mission_manager.policy import Policy
 
-MOST_ROWS = 1500
+MOST_STORY_ROWS = 1500
 """Lines of the story: a choice, forty printed pages; commands come before events."""
 
-COLUMNS = 20
+STRIP_COLUMNS = 20
 """Decisions beside each other in the timeline: what fits on A4."""
 
 MOST_COLUMNS = 1000
@@ -37,9 +38,6 @@ SHOWN_SURPRISES = 8
 TOO_FAST = 2.0
 """Speed over the mission's from which a recording is said to be faster than life: a choice; agile
 flight is no faster."""
-
-DIGITS = 12
-"""Of a digest that are shown, as in the manager's log."""
 
 
 def flight_page(record: FlightRecord, bag: str, policy: Policy | None) -> str:
@@ -115,8 +113,8 @@ def _head(record: FlightRecord, bag: str, policy: Policy | None) -> str:
 
 def _story_table(rows: Sequence[StoryRow]) -> str:
     kept = rows
-    if len(rows) > MOST_ROWS:
-        kept = [row for row in rows if row.kind][:MOST_ROWS]
+    if len(rows) > MOST_STORY_ROWS:
+        kept = [row for row in rows if row.kind][:MOST_STORY_ROWS]
     lines = '\n'.join(map(_story_row, kept))
     text = (
         '<table class="story"><thead><tr><th class=n>time</th><th></th><th>what</th>'
@@ -174,8 +172,8 @@ def _timeline(record: FlightRecord, names: Names, mission: Mission | None) -> It
         'priorities of the goals (out: out of range), goal committed to, cell, threat, mode, '
         'parts that have failed (S sensor, A actuator, C camera).'
     )
-    for first in range(0, len(decided), COLUMNS):
-        part = decided[first : first + COLUMNS]
+    for first in range(0, len(decided), STRIP_COLUMNS):
+        part = decided[first : first + STRIP_COLUMNS]
         epochs = [
             HeardEpoch(number, clock(each.at), each.decision.state, each.decision.command)
             for number, each in enumerate(part, first + 1)

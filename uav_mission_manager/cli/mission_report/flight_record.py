@@ -31,7 +31,7 @@ SPEED_WINDOW = 2.0
 """Time [s] over which the speed is measured, at least: a choice, a few positions."""
 
 
-class Place(NamedTuple):
+class TrackPoint(NamedTuple):
     """Where the vehicle was at a time [s]: east, north and height [m]."""
 
     at: float
@@ -54,7 +54,7 @@ class Decided(NamedTuple):
     decision: HeardDecision
 
 
-class Leg(NamedTuple):
+class AirTime(NamedTuple):
     """A time in the air: from and until [s]."""
 
     start: float
@@ -82,10 +82,10 @@ class FlightRecord:
     completed : list of (time, goal)
     refused : list of (time, goal)
         Out of reach, or its task failed.
-    track : list of Place
+    track : list of TrackPoint
     charges : list of (time, charge)
         Of the worst battery, 0 to 1.
-    legs : list of Leg
+    legs : list of AirTime
         When it was in the air.
     """
 
@@ -99,9 +99,9 @@ class FlightRecord:
     asked: list[tuple[float, tuple[int, ...]]] = field(default_factory=list)
     completed: list[tuple[float, str]] = field(default_factory=list)
     refused: list[tuple[float, str]] = field(default_factory=list)
-    track: list[Place] = field(default_factory=list)
+    track: list[TrackPoint] = field(default_factory=list)
     charges: list[tuple[float, float]] = field(default_factory=list)
-    legs: list[Leg] = field(default_factory=list)
+    legs: list[AirTime] = field(default_factory=list)
 
     @property
     def flown_by(self) -> list[str]:
@@ -139,7 +139,7 @@ class FlightRecord:
                 return speed
         return math.nan
 
-    def place_at(self, at: float) -> Place | None:
+    def place_at(self, at: float) -> TrackPoint | None:
         """Where it was last heard to be at a time."""
         count = bisect_right(self.track, at, key=lambda place: place.at)
         return self.track[count - 1] if count else None
@@ -190,7 +190,7 @@ class _Listener:
                 self._heard = heard_after(before, topic, report, Moment(at, moment.time_of_day))
                 self._note(before, topic, report, at)
         if self._took_off is not None:
-            self._record.legs.append(Leg(self._took_off, self._record.end))
+            self._record.legs.append(AirTime(self._took_off, self._record.end))
 
     def _note(self, before: Heard, topic: str, message: Any, at: float) -> None:
         now, record = self._heard, self._record
@@ -201,7 +201,7 @@ class _Listener:
             record.asked.append((at, now.asked.value))
         if now.pose is not before.pose and now.pose is not None:
             pose = now.pose.value
-            record.track.append(Place(at, pose.east, pose.north, pose.height))
+            record.track.append(TrackPoint(at, pose.east, pose.north, pose.height))
             self._rise_or_land(at, pose.height)
         if now.batteries is not before.batteries:
             record.charges.append((at, min(noted.value for noted in now.batteries.values())))
@@ -242,5 +242,5 @@ class _Listener:
 
     def _land(self, at: float) -> None:
         if self._took_off is not None:
-            self._record.legs.append(Leg(self._took_off, at))
+            self._record.legs.append(AirTime(self._took_off, at))
             self._took_off = None

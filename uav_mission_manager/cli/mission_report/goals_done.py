@@ -28,7 +28,7 @@ SIMULATION_SECONDS = 10.0
 
 
 @dataclass(frozen=True)
-class Request:
+class WantedGoal:
     """A goal that was asked for.
 
     Attributes
@@ -69,17 +69,17 @@ class Expectation:
     slower: float | None
 
 
-def requests(record: FlightRecord, names: list[str]) -> list[Request]:
+def requests(record: FlightRecord, names: list[str]) -> list[WantedGoal]:
     """Return what was asked for, in order, as the manager took it."""
-    found: list[Request] = []
-    wanted: dict[int, Request] = {}
+    found: list[WantedGoal] = []
+    wanted: dict[int, WantedGoal] = {}
     for at, decision in record.decided:
         if not decision.state:
             continue
         k = (len(decision.state) - 5) // 2
         for j, g in enumerate(decision.state[1 + k : 1 + 2 * k]):
             if g and j not in wanted:
-                wanted[j] = Request(j, g, at, math.inf, False, decision.state)
+                wanted[j] = WantedGoal(j, g, at, math.inf, False, decision.state)
             elif g:
                 wanted[j] = replace(wanted[j], priority=max(wanted[j].priority, g))
             elif j in wanted:
@@ -87,7 +87,7 @@ def requests(record: FlightRecord, names: list[str]) -> list[Request]:
     return sorted([*found, *wanted.values()], key=lambda request: (request.asked, request.goal))
 
 
-def _over(request: Request, at: float, record: FlightRecord, names: list[str]) -> Request:
+def _over(request: WantedGoal, at: float, record: FlightRecord, names: list[str]) -> WantedGoal:
     name = names[request.goal] if request.goal < len(names) else ''
     latest = at + record.slack
     done = [t for t, n in record.completed if n == name and request.asked <= t <= latest]
@@ -99,7 +99,7 @@ def simulated(policy: Policy) -> int:
     return EXPANSION_SIMULATED if isinstance(policy, ExpansionPolicy) else SIMULATED
 
 
-def expectations(found: list[Request], policy: Policy) -> list[Expectation | None]:
+def expectations(found: list[WantedGoal], policy: Policy) -> list[Expectation | None]:
     """Simulate flights from where each goal was asked for; None where that is not known."""
     try:
         epochs = forecast_epochs(policy.mission)
@@ -121,7 +121,7 @@ def expectations(found: list[Request], policy: Policy) -> list[Expectation | Non
     ]
 
 
-def _expectation(request: Request, minutes: FloatArray) -> Expectation:
+def _expectation(request: WantedGoal, minutes: FloatArray) -> Expectation:
     seconds = minutes * SECONDS_PER_MINUTE
     taken = request.over - request.asked
     slower = float((seconds > taken).mean()) if request.done else None

@@ -9,7 +9,7 @@ from html import escape
 from uav_mission_manager.cli.mission_report import page
 from uav_mission_manager.cli.mission_report.account import Account
 from uav_mission_manager.cli.mission_report.flight_record import FlightRecord
-from uav_mission_manager.cli.mission_report.goals_done import Expectation, Request
+from uav_mission_manager.cli.mission_report.goals_done import Expectation, WantedGoal
 from uav_mission_manager.cli.mission_report.page import clock
 from uav_mission_manager.cli.mission_report.story import Names, StoryRow
 from uav_mission_manager.console.map_overlay import PRIORITY_WORDS
@@ -19,7 +19,7 @@ from uav_mission_manager.echo import shown
 def in_short(
     record: FlightRecord,
     commands: Sequence[StoryRow],
-    found: Sequence[Request],
+    found: Sequence[WantedGoal],
     names: Names,
     account: Account | None,
 ) -> str:
@@ -89,7 +89,7 @@ def _who(record: FlightRecord) -> str:
 
 
 def goals_table(
-    found: Sequence[Request], names: Names, expected: Sequence[Expectation | None], count: int
+    found: Sequence[WantedGoal], names: Names, expected: Sequence[Expectation | None], count: int
 ) -> str:
     """Return when each goal was asked for and done, beside `count` simulated flights."""
     if not found:

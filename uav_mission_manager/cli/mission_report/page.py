@@ -12,7 +12,7 @@ from uav_mission_manager.console.style import COLOURS
 from uav_mission_manager.console.timeline import TIMELINE_STYLE
 from uav_mission_manager.drawing.base_map import MAP_STYLE
 
-PAGE = Template("""<!DOCTYPE html>
+REPORT = Template("""<!DOCTYPE html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
@@ -73,7 +73,7 @@ svg.map{max-height:120mm}}
 def page(title: str, body: Iterable[str]) -> str:
     """Return a report; the parts of its body are HTML already."""
     style = '\n'.join((MAP_STYLE, COLOURS, OVERLAY_STYLE, TIMELINE_STYLE, REPORT_STYLE))
-    return PAGE.substitute(
+    return REPORT.substitute(
         title=escape(title), style=style, body='\n'.join(body), foot=escape(version_line())
     )
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from html import escape
 from itertools import groupby
 
-from uav_mission_manager.cli.mission_report.flight_record import FlightRecord, Place
+from uav_mission_manager.cli.mission_report.flight_record import FlightRecord, TrackPoint
 from uav_mission_manager.cli.mission_report.story import StoryRow
 from uav_mission_manager.console.heard import TRAIL_BREAK
 from uav_mission_manager.drawing.base_map import (
@@ -93,7 +93,7 @@ def _hue(at: float, end: float) -> int:
 
 def _track(record: FlightRecord, scale: Scale) -> Iterator[str]:
     for piece in _pieces(_thinned(record.track, TRACK_STEP * scale.text)):
-        last: Place | None = None
+        last: TrackPoint | None = None
         for hue, group in groupby(piece, key=lambda place: _hue(place.at, record.end)):
             places = list(group)
             line = places if last is None else [last, *places]
@@ -102,18 +102,18 @@ def _track(record: FlightRecord, scale: Scale) -> Iterator[str]:
             last = places[-1]
 
 
-def _thinned(track: Sequence[Place], step: float) -> list[Place]:
+def _thinned(track: Sequence[TrackPoint], step: float) -> list[TrackPoint]:
     """Leave out places that are nearer than a step to the one before."""
-    kept: list[Place] = []
+    kept: list[TrackPoint] = []
     for place in track:
         if not kept or math.dist(kept[-1][1:3], place[1:3]) >= step:
             kept.append(place)
     return kept
 
 
-def _pieces(track: Sequence[Place]) -> Iterator[list[Place]]:
+def _pieces(track: Sequence[TrackPoint]) -> Iterator[list[TrackPoint]]:
     """Cut the track where the position jumps."""
-    piece: list[Place] = []
+    piece: list[TrackPoint] = []
     for place in track:
         if piece and math.dist(piece[-1][1:3], place[1:3]) > TRAIL_BREAK:
             yield piece
@@ -122,7 +122,7 @@ def _pieces(track: Sequence[Place]) -> Iterator[list[Place]]:
     yield piece
 
 
-def marks(record: FlightRecord, commands: Sequence[StoryRow], apart: float) -> list[Mark]:
+def command_marks(record: FlightRecord, commands: Sequence[StoryRow], apart: float) -> list[Mark]:
     """Return where commands were given; those nearer than `apart` [m] share a mark."""
     found: list[Mark] = []
     for row in commands:
@@ -139,7 +139,7 @@ def marks(record: FlightRecord, commands: Sequence[StoryRow], apart: float) -> l
 
 def _marks(record: FlightRecord, commands: Sequence[StoryRow], scale: Scale) -> Iterator[str]:
     size = 0.9 * scale.text
-    for mark in marks(record, commands, 2.0 * scale.text):
+    for mark in command_marks(record, commands, 2.0 * scale.text):
         x, y, width = mark.east, -mark.north - 2.3 * size, (0.9 + 0.55 * len(mark.text)) * size
         yield (
             f'<path class="command-mark" d="M{x:.6g} {-mark.north:.6g}V{y:.6g}"/>'
