@@ -53,6 +53,7 @@ def built(tmp_path_factory) -> Callable[[str], Policy]:
             assert 'warning' not in said.getvalue()
             with pytest.MonkeyPatch.context() as patch:  # Sensitivities are of no interest here.
                 patch.setattr(solving, 'MAX_SENSITIVITY_SECONDS', 0.0)
+                patch.setattr(solving, 'DRAWN_EPOCHS', 2000)
                 assert mission_check.main([str(mission), '--strict']) == 0
             assert policy_build.main([str(mission), '--out', str(policy)]) == 0
         return load_policy(policy)
