@@ -206,7 +206,7 @@ def _battery(
     rows = [
         (
             clock(each.leg.start),
-            clock(each.leg.end),
+            clock(each.leg.end) if each.leg.end < record.end else 'not yet',
             clock(each.leg.end - each.leg.start),
             f'{each.first:.0%} to {each.last:.0%}',
             f'{each.drawn:.1f} Wh',

@@ -76,12 +76,13 @@ def maps_table(policy: Policy, rows: Sequence[MapRow]) -> str:
     return '\n'.join((*parts, '</tbody></table>'))
 
 
-def hatch() -> str:
-    """Return the hatch of agile flight, for all maps of a page."""
+def hatch(grid: Grid) -> str:
+    """Return the hatch of agile flight, for all maps of a page: as coarse as their cells."""
     return (
         '<svg style="position:absolute;width:0;height:0" aria-hidden="true"><defs>'
         '<pattern id="agile" width="6" height="6" patternUnits="userSpaceOnUse" '
-        'patternTransform="rotate(45)"><path d="M0 0V6" stroke="#555" stroke-width="1.6"/>'
+        f'patternTransform="scale({grid.cell_size / 24:.6g}) rotate(45)">'
+        '<path d="M0 0V6" stroke="#555" stroke-width="1.6"/>'
         '</pattern></defs></svg>'
     )
 
@@ -100,8 +101,11 @@ def legend(mission: Mission) -> str:
             text = action.kind.value
         fill = f'fill="{action_colour(action)}"'
         items.append(f'<li>{box.format(fill)}{_letter(action)}: {escape(text)}</li>')
-    hatched = box.format('class="agile"')
-    items.append(f'<li>{hatched}in agile mode</li>')
+    width, height = mission.grid.cell_size, mission.grid.cell_size * 2 / 3
+    items.append(
+        f'<li><svg viewBox="0 0 {width:g} {height:g}"><rect class="agile" width="{width:g}" '
+        f'height="{height:g}"/></svg>in agile mode</li>'
+    )
     items.append('<li>small letters: base B, service cell S, goals by number</li>')
     return ''.join(items)
 

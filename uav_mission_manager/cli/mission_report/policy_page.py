@@ -61,7 +61,7 @@ def policy_page(policy: Policy, directory: str) -> str:
     return page.page(
         f'Policy of mission {shown(mission.name)}',
         (
-            f'<style>{MAPS_STYLE}</style>{hatch()}',
+            f'<style>{MAPS_STYLE}</style>{hatch(mission.grid)}',
             _head(policy, directory),
             '<h2>The mission</h2>',
             f'<p>{escape(summary(mission))}</p>',
