@@ -72,7 +72,7 @@ def _heads(epochs: Sequence[HeardEpoch], height: int) -> Iterator[str]:
     for column, epoch in enumerate(epochs):
         x = COLUMN_WIDTH * column
         state = ' '.join(map(str, epoch.state)) or 'not known'
-        title = f'{epoch.time_of_day}  {epoch.command or "no command"}  state {state}'
+        title = f'{epoch.time_of_day}  {shown(epoch.command) or "no command"}  state {state}'
         yield (
             f'<text class="head" x="{x + COLUMN_WIDTH / 2}" y="14">{epoch.number}</text>'
             f'<rect x="{x}" y="0" width="{COLUMN_WIDTH}" height="{height}" fill="transparent">'

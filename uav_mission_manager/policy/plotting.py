@@ -89,7 +89,7 @@ def plot_policy(
     except ImportError as error:
         raise ImportError('plot_policy needs Matplotlib: pip install matplotlib') from error
     mission = policy.mission
-    states = _states(policy, fault, threat, ranges, priorities)
+    states = map_states(policy, fault, threat, ranges, priorities)
     actions = [global_actions(mission)[number - 1] for number in policy.act(states)]
     if axes is None:
         axes = pyplot.figure(layout='constrained').add_subplot()
@@ -104,14 +104,14 @@ def plot_policy(
     return axes
 
 
-def _states(
+def map_states(
     policy: Policy,
     fault: str,
     threat: str,
     ranges: Sequence[int] | None,
     priorities: Sequence[int] | None,
 ) -> IntArray:
-    """One state for each cell, shape (q, 2k+5)."""
+    """One state for each cell, shape (q, 2k+5); arguments as of `plot_policy`."""
     mission = policy.mission
     states = np.zeros((mission.grid.q, 2 * mission.k + 5), np.int64)
     s = policy.space.split(states)
@@ -154,7 +154,7 @@ def _fill(axes: Axes, mission: Mission, actions: Sequence[Action], edges: str) -
             for row in range(grid.rows + 1)
         ]
     )
-    colours = np.array([to_rgb(_colour(action)) for action in actions])
+    colours = np.array([to_rgb(action_colour(action)) for action in actions])
     cells = colours.reshape(grid.rows, grid.cols, 3)
     axes.pcolormesh(corners[..., 0], corners[..., 1], cells, edgecolors=edges)
     agile = [divmod(cell, grid.cols) for cell, action in enumerate(actions) if action.agile]
@@ -168,17 +168,20 @@ def _fill(axes: Axes, mission: Mission, actions: Sequence[Action], edges: str) -
 def _letter(axes: Axes, mission: Mission, actions: Sequence[Action]) -> None:
     """Say in words in the cells what is done there."""
     for cell, action in enumerate(actions):
-        text = axes.text(*mission.grid.position(cell), _word(action), ha='center', va='center')
+        text = axes.text(
+            *mission.grid.position(cell), action_word(action), ha='center', va='center'
+        )
         text.set(fontsize='small', clip_on=True)
 
 
-def _colour(action: Action) -> str:
+def action_colour(action: Action) -> str:
+    """Return the colour of a cell in which this is done."""
     if action.goal is None:
         return KIND_COLOURS[action.kind]
     return GOAL_COLOURS[action.goal % len(GOAL_COLOURS)]
 
 
-def _word(action: Action) -> str:
+def action_word(action: Action) -> str:
     """What a cell says of an action; goals are counted from 1."""
     if action.kind in (ActionKind.RECHARGE, ActionKind.REPAIR):
         return action.kind.value
@@ -209,7 +212,7 @@ def _explain(axes: Axes, mission: Mission, actions: Sequence[Action]) -> None:
         if action.goal is not None:
             goal = shown(mission.goals[action.goal].name, LONGEST_GOAL_NAME)
             name = f'({action.goal + 1}) {goal}'
-        found = names.setdefault(_colour(action), [])
+        found = names.setdefault(action_colour(action), [])
         if name not in found:
             found.append(name)
     patches = [Patch(facecolor=colour, label=', '.join(here)) for colour, here in names.items()]
