@@ -15,6 +15,7 @@ COMMANDS = {
     'mission_simulate': 'cli.mission_simulate',
     'mission_check': 'cli.mission_check',
     'mission_replay': 'cli.mission_replay',
+    'mission_report': 'cli.mission_report',
     'demo': 'cli.demo',
     'manager': 'nodes.manager',
     'solver': 'nodes.solver',
@@ -74,7 +75,7 @@ setup(
         'page': requirements('-page'),  # console.
         'plan': requirements('-plan'),  # mission_new.
         'plot': requirements('-plot'),  # mission_simulate --plot, plot_policy.
-        'record': requirements('-record'),  # mission_record, mission_replay.
+        'record': requirements('-record'),  # mission_record, mission_replay, mission_report.
     },
     entry_points={
         'console_scripts': [

@@ -103,7 +103,7 @@ def clone(tmp_path: Path) -> Path:
     """Return a folder like a clone that is a ROS workspace, too."""
     (tmp_path / 'src').mkdir()
     (tmp_path / 'src' / 'uav_mission_manager').symlink_to(ROOT)
-    for name in ('config', 'policies'):
+    for name in ('config', 'policies', 'test/bags'):
         shutil.copytree(ROOT / name, tmp_path / name)  # Pages write there.
     return tmp_path
 

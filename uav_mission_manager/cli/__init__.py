@@ -10,7 +10,7 @@ _come: list[int] = []  # signals of Ctrl-C
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Raise what Python does by itself, and keep that it came: NumPy makes an ImportError of it."""
+    """Raise what Python does by itself, and note it: NumPy makes an ImportError of it."""
     _come.append(number)
     signal.default_int_handler(number, frame)
 

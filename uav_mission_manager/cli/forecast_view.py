@@ -82,9 +82,9 @@ def _goal_table(found: dict[str, Any], minutes: int) -> Table:
     for head in (*(f'{limit} min' for limit in limits), 'median\n[min]', 'withdrawn\nfirst'):
         table.add_column(head, justify='right', no_wrap=True)
     for goal in found['goals']:
-        cells = [_percent(goal['done_within'][limit]) for limit in limits]
-        median = _interval(goal['median_minutes'], beyond=f'> {minutes}')
-        cells += [median, _percent(goal['withdrawn'])]
+        cells = [percent_texts(goal['done_within'][limit]) for limit in limits]
+        median = interval_texts(goal['median_minutes'], beyond=f'> {minutes}')
+        cells += [median, percent_texts(goal['withdrawn'])]
         table.add_row(goal['name'], *(f'{value}\n{bounds}' for value, bounds in cells))
     return table
 
@@ -94,12 +94,12 @@ def _quantity_table(found: dict[str, Any], minutes: int) -> Table:
     table.add_column('')
     for head in ('estimate', '95 % interval'):
         table.add_column(head, justify='right', no_wrap=True)
-    for name, value in _quantities(found):
-        table.add_row(name, *_interval(value))
+    for name, value in quantities(found):
+        table.add_row(name, *interval_texts(value))
     return table
 
 
-def _quantities(found: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+def quantities(found: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
     """All that is not of a goal: its name and interval."""
     for key, name in MEAN_NAMES.items():
         yield name, found['means'][key]
@@ -116,9 +116,11 @@ def _comparison_table(answer: dict[str, Any]) -> Table:
     found = [policy['forecast'] for policy in answer['policies']]
     rows = (_all_rows(forecast) for forecast in (*found, answer['difference']))
     for (name, first), (_, second), (_, gained) in zip(*rows):
-        value, bounds = _interval(gained, sign='+')
+        value, bounds = interval_texts(gained, sign='+')
         mark = '*' if gained['low'] > 0 or gained['high'] < 0 else ' '
-        table.add_row(name, _interval(first)[0], _interval(second)[0], value, f'{bounds} {mark}')
+        table.add_row(
+            name, interval_texts(first)[0], interval_texts(second)[0], value, f'{bounds} {mark}'
+        )
     return table
 
 
@@ -128,7 +130,7 @@ def _all_rows(found: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
             yield f'{goal["name"]} done in {limit} min [%]', _scaled(done)
         yield f'{goal["name"]} mean time, cut [min]', goal['minutes']
         yield f'{goal["name"]} withdrawn first [%]', _scaled(goal['withdrawn'])
-    yield from _quantities(found)
+    yield from quantities(found)
 
 
 def _print_bounds(console: Console, policy: dict[str, Any]) -> None:
@@ -142,15 +144,16 @@ def _print_bounds(console: Console, policy: dict[str, Any]) -> None:
         )
 
 
-def _percent(interval: dict[str, Any]) -> tuple[str, str]:
-    return _interval(_scaled(interval))
+def percent_texts(interval: dict[str, Any]) -> tuple[str, str]:
+    """Return `interval_texts` of a probability in percent."""
+    return interval_texts(_scaled(interval))
 
 
 def _scaled(interval: dict[str, Any]) -> dict[str, Any]:
     return {key: PERCENT * value for key, value in interval.items()}
 
 
-def _interval(interval: dict[str, Any], beyond: str = '', sign: str = '') -> tuple[str, str]:
+def interval_texts(interval: dict[str, Any], beyond: str = '', sign: str = '') -> tuple[str, str]:
     """Texts of the value and its bounds, to the digits that the interval gives."""
     low, high = interval['low'], interval['high']
     width = high - low if None not in (low, high) else 0.0

@@ -11,7 +11,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from uav_mission_manager.console.messages import DIAGNOSTICS_TOPIC, HEARD_CHANGES, Moment
+from uav_mission_manager.console.messages import (
+    DECISION_TOPIC,
+    DIAGNOSTICS_TOPIC,
+    HEARD_CHANGES,
+    Moment,
+)
 from uav_mission_manager.console.playback import RecordedFlight, heard_flight
 from uav_mission_manager.echo import shown
 from uav_mission_manager.onboard.recording import require_rosbags
@@ -23,8 +28,11 @@ if TYPE_CHECKING:
 TRACE = '/manager/trace'
 """Topic of the trace, after the vehicle's namespace."""
 
-TEXT = 'std_msgs/msg/String'
-"""What a trace is of."""
+DECISIONS = f'/{DECISION_TOPIC}'
+"""Topic of the decisions, after the vehicle's namespace."""
+
+VEHICLE_TOPICS = {TRACE: 'std_msgs/msg/String', DECISIONS: 'diagnostic_msgs/msg/DiagnosticArray'}
+"""What the topics are of by which a vehicle is found."""
 
 LOOSE_FILES = '.mcap', '.db3'
 """How the files of a bag end, each of which may be read alone."""
@@ -43,6 +51,27 @@ class TraceEntry(NamedTuple):
 
     seconds: float
     text: str
+
+
+class HeardMessages(NamedTuple):
+    """What the console hears of a vehicle, as a bag has it.
+
+    Attributes
+    ----------
+    vehicle : str
+        Its namespace.
+    start : float
+        When the bag begins [s], since 1970.
+    duration : float
+        How long it is [s].
+    messages : iterator
+        When each was recorded since the beginning, a key of `HEARD_CHANGES`, and what it says.
+    """
+
+    vehicle: str
+    start: float
+    duration: float
+    messages: Iterator[tuple[Moment, str, Any]]
 
 
 class UnsuitableBagError(ValueError):
@@ -65,7 +94,7 @@ def recorded_trace(path: Path, vehicle: str | None) -> Iterator[TraceEntry]:
         One line: it is no bag, cannot be read, or has no such trace.
     """
     with _opened(path) as (reader, decoded):
-        topic = _chosen(path, reader.connections, vehicle) + TRACE
+        topic = _chosen(path, reader.connections, vehicle, TRACE) + TRACE
         found = [each for each in reader.connections if each.topic == topic]
         for connection, time, data in reader.messages(found):
             text = decoded(data, connection.msgtype).data
@@ -77,8 +106,28 @@ def recorded_flight(path: Path, vehicle: str | None) -> RecordedFlight:
 
     Raises the same.
     """
+    with heard_messages(path, vehicle, TRACE) as heard:
+        return heard_flight(heard.vehicle, heard.messages, heard.duration)
+
+
+@contextmanager
+def heard_messages(path: Path, vehicle: str | None, topic: str) -> Iterator[HeardMessages]:
+    """Give what a bag has of a vehicle, chosen as by `recorded_trace`; it must have a topic.
+
+    Parameters
+    ----------
+    path, vehicle
+        See `recorded_trace`.
+    topic : str
+        A key of `VEHICLE_TOPICS`.
+
+    Raises
+    ------
+    ValueError
+        One line: it is no bag, cannot be read, or has no such topic.
+    """
     with _opened(path) as (reader, decoded):
-        chosen = _chosen(path, reader.connections, vehicle)
+        chosen = _chosen(path, reader.connections, vehicle, topic)
         topics = {
             topic if topic == DIAGNOSTICS_TOPIC else f'{chosen}/{topic}': topic
             for topic in HEARD_CHANGES
@@ -91,7 +140,7 @@ def recorded_flight(path: Path, vehicle: str | None) -> RecordedFlight:
                 moment = Moment((time - reader.start_time) * 1e-9, time_of_day)
                 yield moment, topics[connection.topic], decoded(data, connection.msgtype)
 
-        return heard_flight(chosen, messages(), reader.duration * 1e-9)
+        yield HeardMessages(chosen, reader.start_time * 1e-9, reader.duration * 1e-9, messages())
 
 
 @contextmanager
@@ -127,26 +176,26 @@ def _check_place(path: Path) -> None:
         raise ValueError(f'{shown(path)}: no bag: neither a folder nor a file in MCAP or SQLite')
 
 
-def _chosen(path: Path, connections: Sequence[Connection], vehicle: str | None) -> str:
-    """Return the namespace of the vehicle, which has a trace."""
-    traces = {
-        each.topic.removesuffix(TRACE)
+def _chosen(path: Path, connections: Sequence[Connection], vehicle: str | None, topic: str) -> str:
+    """Return the namespace of the vehicle, which has this topic."""
+    vehicles = {
+        each.topic.removesuffix(topic)
         for each in connections
-        if each.topic.endswith(TRACE) and each.msgtype == TEXT
+        if each.topic.endswith(topic) and each.msgtype == VEHICLE_TOPICS[topic]
     }
-    names = ', '.join(sorted(name or '/' for name in traces))
-    if not traces:
+    names = ', '.join(sorted(name or '/' for name in vehicles))
+    if not vehicles:
         topics = ', '.join(sorted(each.topic for each in connections)) or 'nothing'
         raise UnsuitableBagError(
-            f'{shown(path)}: no manager/trace in it, which mission_record records; '
+            f'{shown(path)}: no {topic[1:]} in it, which mission_record records; '
             f'it has {shown(topics)}'
         )
-    if vehicle is None and len(traces) > 1:
+    if vehicle is None and len(vehicles) > 1:
         raise UnsuitableBagError(
             f'{shown(path)}: of several vehicles: {shown(names)}; choose one by --namespace'
         )
-    chosen = min(traces) if vehicle is None else vehicle.rstrip('/')
-    if chosen not in traces:
+    chosen = min(vehicles) if vehicle is None else vehicle.rstrip('/')
+    if chosen not in vehicles:
         raise UnsuitableBagError(
             f'--namespace: {shown(vehicle)} is not in {shown(path)}, which is of {shown(names)}'
         )

@@ -53,9 +53,9 @@ def blocks(epochs: Sequence[HeardEpoch]) -> list[Sequence[HeardEpoch]]:
     return list(found.values())
 
 
-def block_svg(epochs: Sequence[HeardEpoch], mission: Mission | None) -> str:
-    """Return a block as one `svg` element; without the mission there are no goals."""
-    shown_goals = min(mission.k, MOST_GOAL_ROWS) if mission else 0
+def block_svg(epochs: Sequence[HeardEpoch], mission: Mission | None, goals: int = 0) -> str:
+    """Return a block as one `svg` element; of a mission that is not known, `goals` counts them."""
+    shown_goals = min(mission.k if mission else goals, MOST_GOAL_ROWS)
     width, height = COLUMN_WIDTH * len(epochs), ROW_HEIGHT * (shown_goals + 6)
     rules = ''.join(f'M0 {ROW_HEIGHT * row}h{width}' for row in range(1, shown_goals + 6))
     parts = [
@@ -65,7 +65,7 @@ def block_svg(epochs: Sequence[HeardEpoch], mission: Mission | None) -> str:
         f'<path class="rule" d="{rules}"/>',
         *_heads(epochs, height),
     ]
-    for row, cells in enumerate(_rows(epochs, mission, shown_goals), 1):
+    for row, cells in enumerate(_rows(epochs, mission, goals), 1):
         parts += _runs(cells, row)
     return ''.join((*parts, '</svg>'))
 
@@ -75,7 +75,7 @@ def _heads(epochs: Sequence[HeardEpoch], height: int) -> Iterator[str]:
     for column, epoch in enumerate(epochs):
         x = COLUMN_WIDTH * column
         state = ' '.join(map(str, epoch.state)) or 'not known'
-        title = f'{epoch.time_of_day}  {epoch.command or "no command"}  state {state}'
+        title = f'{epoch.time_of_day}  {shown(epoch.command) or "no command"}  state {state}'
         yield (
             f'<text class="head" x="{x + COLUMN_WIDTH / 2}" y="14">{epoch.number}</text>'
             f'<rect x="{x}" y="0" width="{COLUMN_WIDTH}" height="{height}" fill="transparent">'
@@ -88,17 +88,16 @@ Cell = tuple[str, str]
 
 
 def _rows(
-    epochs: Sequence[HeardEpoch], mission: Mission | None, shown_goals: int
+    epochs: Sequence[HeardEpoch], mission: Mission | None, goals: int
 ) -> Iterator[list[Cell]]:
     """Yield the cells of each row; empty where nothing was decided."""
-    states = [epoch.state for epoch in epochs]
-    if mission is not None:
-        space, flags = StateSpace.of(mission), RangeFlags(mission)
-        states = [state if len(state) == len(space.names) else () for state in states]
-        views = [space.split(np.array(state)) if state else None for state in states]
-        goals = [(s.g.tolist(), flags(s).tolist()) if s else None for s in views]
-        for j in range(shown_goals):
-            yield [_goal_cell(here and (here[0][j], here[1][j])) for here in goals]
+    space = StateSpace.of(mission) if mission else StateSpace(goals, 1)
+    states = [each.state if len(each.state) == len(space.names) else () for each in epochs]
+    views = [space.split(np.array(state)) if state else None for state in states]
+    flags = RangeFlags(mission) if mission else None
+    known = [(s.g.tolist(), (flags(s) if flags else s.r).tolist()) if s else None for s in views]
+    for j in range(min(space.k, MOST_GOAL_ROWS)):
+        yield [_goal_cell((here[0][j], here[1][j]) if here else None) for here in known]
     yield [
         ('silent', 'none-1') if not epoch.command else _commitment(state)
         for epoch, state in zip(epochs, states)

@@ -149,9 +149,7 @@ def _now_and_why(
     if not decision.command:
         return NowAndWhy(Fact('NO COMMAND', 'stale' if old else 'danger', old), reason)
     at_base = mission is not None and decision.state[-4] == mission.grid.base
-    words = headline(decision.command)
-    if at_base and decision.command == 'none normal':
-        words = 'STAY AT BASE'
+    words = headline(decision.command, at_base)
     least = min(decision.values, default=math.nan)
     actions = action_bars(decision, mission)
     return NowAndWhy(

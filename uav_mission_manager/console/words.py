@@ -158,8 +158,10 @@ HEADLINES = {
 """Commands without a goal in large words."""
 
 
-def headline(command: str) -> str:
-    """Return a command in large words, such as `GO TO goal2, evading`."""
+def headline(command: str, at_base: bool = False) -> str:
+    """Return a command in large words, such as `GO TO goal2, EVADING`."""
+    if at_base and command == 'none normal':
+        return 'STAY AT BASE'
     if command in HEADLINES:
         return HEADLINES[command]
     name, _, mode = command.removeprefix('commit ').rpartition(' ')

@@ -93,8 +93,8 @@ def plot_policy(
     except ImportError as error:
         raise ImportError('plot_policy needs Matplotlib: pip install matplotlib') from error
     mission = policy.mission
-    columns = _range_columns(policy, ranges, charge)
-    states = _states(policy, fault, threat, columns, priorities)
+    columns = range_columns(policy, ranges, charge)
+    states = map_states(policy, fault, threat, columns, priorities)
     actions = [global_actions(mission)[number - 1] for number in policy.act(states)]
     if axes is None:
         axes = pyplot.figure(layout='constrained').add_subplot()
@@ -109,14 +109,17 @@ def plot_policy(
     return axes
 
 
-def _states(
+def map_states(
     policy: Policy,
     fault: str,
     threat: str,
     ranges: IntArray,
     priorities: Sequence[int] | None,
 ) -> IntArray:
-    """One state for each cell, shape (q, 2k+5)."""
+    """One state for each cell, shape (q, 2k+5); arguments as of `plot_policy`.
+
+    The variables that tell range are those of `range_columns`.
+    """
     mission = policy.mission
     states = np.zeros((mission.grid.q, len(policy.space.shape)), np.int64)
     s = policy.space.split(states)
@@ -128,8 +131,8 @@ def _states(
     return policy.space.check(states)
 
 
-def _range_columns(policy: Policy, ranges: Sequence[int] | None, charge: int | None) -> IntArray:
-    """The variables that tell range."""
+def range_columns(policy: Policy, ranges: Sequence[int] | None, charge: int | None) -> IntArray:
+    """The variables that tell range in states; arguments as of `plot_policy`."""
     mission, full = policy.mission, np.array(policy.space.charged, np.int64)
     if mission.range.charge is None:
         if charge is not None:
@@ -171,7 +174,7 @@ def _fill(axes: Axes, mission: Mission, actions: Sequence[Action], edges: str) -
             for row in range(grid.rows + 1)
         ]
     )
-    colours = np.array([to_rgb(_colour(action)) for action in actions])
+    colours = np.array([to_rgb(action_colour(action)) for action in actions])
     cells = colours.reshape(grid.rows, grid.cols, 3)
     axes.pcolormesh(corners[..., 0], corners[..., 1], cells, edgecolors=edges)
     agile = [divmod(cell, grid.cols) for cell, action in enumerate(actions) if action.agile]
@@ -185,17 +188,20 @@ def _fill(axes: Axes, mission: Mission, actions: Sequence[Action], edges: str) -
 def _letter(axes: Axes, mission: Mission, actions: Sequence[Action]) -> None:
     """Say in words in the cells what is done there."""
     for cell, action in enumerate(actions):
-        text = axes.text(*mission.grid.position(cell), _word(action), ha='center', va='center')
+        text = axes.text(
+            *mission.grid.position(cell), action_word(action), ha='center', va='center'
+        )
         text.set(fontsize='small', clip_on=True)
 
 
-def _colour(action: Action) -> str:
+def action_colour(action: Action) -> str:
+    """Return the colour of a cell in which this is done."""
     if action.goal is None:
         return KIND_COLOURS[action.kind]
     return GOAL_COLOURS[action.goal % len(GOAL_COLOURS)]
 
 
-def _word(action: Action) -> str:
+def action_word(action: Action) -> str:
     """What a cell says of an action; goals are counted from 1."""
     if action.kind in (ActionKind.RECHARGE, ActionKind.REPAIR):
         return action.kind.value
@@ -226,7 +232,7 @@ def _explain(axes: Axes, mission: Mission, actions: Sequence[Action]) -> None:
         if action.goal is not None:
             goal = shown(mission.goals[action.goal].name, LONGEST_GOAL_NAME)
             name = f'({action.goal + 1}) {goal}'
-        found = names.setdefault(_colour(action), [])
+        found = names.setdefault(action_colour(action), [])
         if name not in found:
             found.append(name)
     patches = [Patch(facecolor=colour, label=', '.join(here)) for colour, here in names.items()]

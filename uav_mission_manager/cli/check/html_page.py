@@ -48,17 +48,19 @@ $map
 <ul class="legend">
 $legend
 </ul>
-<table>
-<thead><tr><th>#</th><th>goal</th><th>cell</th><th>from base</th><th>to service</th><th>needs</th>
-<th>charge</th><th>eta, delta</th><th>worth a minute</th><th>task</th></tr></thead>
-<tbody>
 $goals
-</tbody>
-</table>
 $findings
 </body>
 </html>
 """)
+
+GOAL_TABLE = """<table>
+<thead><tr><th>#</th><th>goal</th><th>cell</th><th>from base</th><th>to service</th><th>needs</th>
+<th>charge</th><th>eta, delta</th><th>worth a minute</th><th>task</th></tr></thead>
+<tbody>
+{}
+</tbody>
+</table>"""
 
 BOX = '<rect class="{kind}" width="24" height="16"/>'
 MAP_LEGEND = (
@@ -74,21 +76,31 @@ MAP_LEGEND = (
 
 def html_page(mission: Mission, findings: Sequence[Finding]) -> str:
     """Return the page."""
-    legend = [*MAP_LEGEND, *_area_legend(mission), *_reach_legend(mission)]
     return PAGE.substitute(
         title=escape(f'Mission {shown(mission.name)}'),
-        summary=escape(_summary(mission)),
+        summary=escape(summary(mission)),
         map=svg_map(mission),
-        legend='\n'.join(
-            f'<li><svg viewBox="0 0 24 16">{sign}</svg>{escape(text)}</li>'
-            for text, sign in legend
-        ),
-        goals='\n'.join(_rows(mission)),
-        findings=_list(findings),
+        legend=map_legend(mission),
+        goals=goal_table(mission),
+        findings=finding_list(findings),
     )
 
 
-def _summary(mission: Mission) -> str:
+def map_legend(mission: Mission) -> str:
+    """Return what the signs of the map mean, as items of a list."""
+    legend = [*MAP_LEGEND, *_area_legend(mission), *_reach_legend(mission)]
+    return '\n'.join(
+        f'<li><svg viewBox="0 0 24 16">{sign}</svg>{escape(text)}</li>' for text, sign in legend
+    )
+
+
+def goal_table(mission: Mission) -> str:
+    """Return a table of the goals."""
+    return GOAL_TABLE.format('\n'.join(_rows(mission)))
+
+
+def summary(mission: Mission) -> str:
+    """Say in a line how large the mission is, and where."""
     grid, seconds, had = mission.grid, epoch_seconds(mission), full_range(mission)
     text = grid_text(grid)
     if seconds is not None and had is not None:
@@ -138,7 +150,8 @@ def _rows(mission: Mission) -> list[str]:
     return rows
 
 
-def _list(findings: Sequence[Finding]) -> str:
+def finding_list(findings: Sequence[Finding]) -> str:
+    """Return warnings and notes as a list."""
     if not findings:
         return '<p>Nothing implausible was found.</p>'
     items = ''.join(

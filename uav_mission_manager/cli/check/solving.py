@@ -57,13 +57,13 @@ class Solved:
     sensitivities: tuple[Sensitivity, ...]
 
 
-def obstacle_to_solving(mission: Mission) -> str:
-    """Why a check does not solve a mission, empty where it does."""
+def obstacle_to_solving(mission: Mission, most: float = MAX_SOLVE_SECONDS) -> str:
+    """Why a mission is not solved if that may take `most` [s], empty where it is."""
     seconds = likely_seconds(whole_mission(mission))
-    if seconds > MAX_SOLVE_SECONDS:
+    if seconds > most:
         return (
             f'the exact solution would take about {duration_text(seconds)}, more than the '
-            f'{MAX_SOLVE_SECONDS:g} s that a check waits for'
+            f'{most:g} s that a check waits for'
         )
     return obstacle_to_exact(mission)
 

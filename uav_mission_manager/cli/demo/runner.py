@@ -122,6 +122,8 @@ def _demonstrate(options: argparse.Namespace) -> int:
     _summarise(results, logs)
     if bags is not None:
         print(f'bags: {bags}; see mission_replay {bag} --policy {mission.policy}')
+        speedup = f'--speedup {options.speedup:g}'
+        print(f'mission_report {bag} --policy {mission.policy} {speedup} --out report.html')
     return 0 if all(result.good for result in results) else 1
 
 

@@ -1,0 +1,139 @@
+"""`mission_report` of a policy set: what the other commands say, and what it does."""
+
+from __future__ import annotations
+
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+import pytest
+from strategies import case_study
+from test_mission_report import Page, report
+
+from uav_mission_manager import build_policy, load_policy
+from uav_mission_manager.cli import mission_check, mission_simulate
+from uav_mission_manager.mdp import FAULT_MODES, mission_from_dict
+
+ROOT = Path(__file__).parents[2]
+CASE_STUDY = str(ROOT / 'policies' / 'case_study')
+LETTERS = 'B123B123CR'
+"""What stands in a cell for each action of a mission of three goals."""
+
+
+@pytest.fixture(scope='module')
+def text(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return report(tmp_path_factory.mktemp('report') / 'report.html', CASE_STUDY)
+
+
+@pytest.fixture(scope='module')
+def page(text: str) -> Page:
+    return Page(text)
+
+
+def maps(text: str) -> dict[str, str]:
+    """The small maps by their labels."""
+    found = re.findall(
+        r'<svg viewBox="[^"]*" role="img" aria-label="([^"]*, threat \w+)".*?</svg>', text
+    )
+    pictures = re.findall(
+        r'<svg viewBox="[^"]*" role="img" aria-label="[^"]*, threat \w+".*?</svg>', text
+    )
+    return dict(zip(found, pictures, strict=True))
+
+
+@pytest.mark.parametrize('threat', ['none', 'low', 'high'])
+@pytest.mark.parametrize('fault', FAULT_MODES)
+def test_each_cell_of_a_map_is_what_the_policy_does_there(
+    text: str, fault: str, threat: str
+) -> None:
+    f, t = FAULT_MODES.index(fault) + 1, ('none', 'low', 'high').index(threat)
+    states = np.array([[f, 1, 1, 1, 2, 2, 2, cell, 0, t, 0] for cell in range(8)])
+    best = load_policy(CASE_STUDY).q_values(states).argmin(axis=1)
+    picture = maps(text)[f'{fault.replace("_", ", ")}, threat {threat}']
+    assert ''.join(re.findall(r'>(\w)<title>cell', picture)) == ''.join(LETTERS[a] for a in best)
+    agile = [a in (4, 5, 6, 7) for a in best]
+    assert ('class="agile"' in picture) == any(agile)
+
+
+def test_priorities_have_maps(text: str) -> None:
+    alone = maps(text)['goal2 high alone, threat none']
+    assert set(re.findall(r'>(\w)<title>cell', alone)) == {'2'}
+    assert set(re.findall(r'>(\w)<title>cell', maps(text)['no goal wanted, threat none'])) == {'B'}
+    assert 'C' in re.findall(
+        r'>(\w)<title>cell', maps(text)['all high, none in range, threat none']
+    )
+
+
+def test_sensitivities_are_those_of_mission_check(
+    page: Page, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert mission_check.main([str(ROOT / 'config' / 'case_study.yaml'), '--json']) == 0
+    answer = json.loads(capsys.readouterr().out)
+    rows = page.table('field', 'V* changes by')
+    expected = [(s['name'], f'{s["relative"]:+.2%}') for s in answer['sensitivities'][:10]]
+    assert [(row[0], row[3]) for row in rows] == expected
+    assert f'V* from the start is {answer["value_at_start"]:.4f}' in ''.join(page.words)
+
+
+def test_the_forecast_is_that_of_mission_simulate(
+    page: Page, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert mission_simulate.main([CASE_STUDY, '--episodes', '2000', '--json']) == 0
+    found = json.loads(capsys.readouterr().out)['policies'][0]['forecast']
+    goals = page.table('goal', 'median [min]')
+    for row, goal in zip(goals, found['goals'], strict=True):
+        assert row[0] == goal['name']
+        assert float(row[1].split()[0]) == pytest.approx(
+            100 * goal['done_within']['5']['value'], abs=0.06
+        )
+        assert float(row[4].split()[0]) == pytest.approx(goal['median_minutes']['value'], abs=0.06)
+    rows = {row[0]: row[1] for row in page.table('estimate')}
+    for name, key in (('recharges', 'recharges'), ('energy [Wh]', 'energy_wh')):
+        assert float(rows[name]) == pytest.approx(found['means'][key]['value'], abs=0.06)
+
+
+def test_cost_and_bounds_are_the_policy_s(page: Page) -> None:
+    policy, start = load_policy(CASE_STUDY), [[1, 1, 1, 1, 2, 2, 2, 0, 0, 0, 0]]
+    words = ''.join(page.words)
+    assert f'{policy.q_values(start).min():.6g}' in words
+    assert policy.digest in words
+    assert 'the best possible, proved' in words
+
+
+def test_it_is_one_file_without_scripts_or_network(text: str, page: Page) -> None:
+    assert not {'script', 'link', 'img', 'iframe', 'object', 'use'} & set(page.tags)
+    assert not {name for name, _ in page.attributes} & {'src', 'href', 'onload', 'onclick'}
+    for svg in re.findall(r'<svg.*?</svg>', text, re.S):
+        ElementTree.fromstring(svg)
+
+
+def test_what_comes_from_the_mission_is_escaped(tmp_path: Path) -> None:
+    document = case_study(name='</title><script>x</script>')
+    for number, goal in enumerate(document['goals']):
+        goal['name'] = f'<script>{number}</script>'
+    build_policy(mission_from_dict(document, 'test')).save(tmp_path / 'policy')
+    text = report(tmp_path / 'r.html', tmp_path / 'policy')
+    assert 'script' not in Page(text).tags
+    assert text.count('&lt;script&gt;') > 10
+
+
+@pytest.mark.parametrize('method', ['split', 'highest_priority', 'expansion'])
+def test_a_decomposed_policy_shows_its_parts_and_certificate(tmp_path: Path, method: str) -> None:
+    policy = build_policy(mission_from_dict(case_study(), 'test'), method, certificate=True)
+    policy.save(tmp_path / 'policy')
+    words = ''.join(Page(report(tmp_path / 'r.html', tmp_path / 'policy')).words)
+    assert 'share of each sub-MDP in the cost' in words
+    assert f'{policy.certificate.gap:.2%}' in words
+
+
+def test_large_grids_have_no_letters_and_few_shapes(tmp_path: Path) -> None:
+    places = {'rows': 40, 'cols': 40, 'base': 0, 'service': 1, 'cell_size': 50.0}
+    document = case_study(grid=places)
+    document['goals'] = document['goals'][:1]
+    document['threat']['zones'] = {}
+    build_policy(mission_from_dict(document, 'test'), tolerance=1.0).save(tmp_path / 'policy')
+    text = report(tmp_path / 'r.html', tmp_path / 'policy')
+    assert '<title>cell 0: ' not in text
+    assert len(text) < 5_000_000

@@ -1,0 +1,140 @@
+"""The command line of `mission_report`."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+
+from uav_mission_manager.cli.errors import CommandParser, one_line_errors
+from uav_mission_manager.cli.mission_report.flight_page import flight_page
+from uav_mission_manager.cli.mission_report.flight_record import FlightRecord, flight_record
+from uav_mission_manager.cli.mission_report.policy_page import policy_page
+from uav_mission_manager.console.messages import DECISION_TOPIC
+from uav_mission_manager.echo import quoted, shown
+from uav_mission_manager.mdp import FAULT_MODES
+from uav_mission_manager.onboard import parse_command
+from uav_mission_manager.paths import write_whole
+from uav_mission_manager.policy import Policy, load_policy
+
+MANIFEST = 'manifest.json'
+"""The file by which a policy set is told from a bag."""
+
+MOST_SPEEDUP = 1000.0
+"""Seconds of a flight per second of its bag, at most: a choice, no simulation is so fast."""
+
+
+CHARGE_NOT_REPORTED = 'states with a charge (range.charge) have no report of flights yet'
+"""Why a flight is refused."""
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the command."""
+    with one_line_errors('mission_report'):
+        options = _parser().parse_args(args)
+        source, out = Path(options.source), Path(options.out)
+        if not out.parent.is_dir():
+            raise FileNotFoundError(f'--out: there is no folder {shown(out.parent)}')
+        if (source / MANIFEST).is_file():
+            _refuse_options_of_bags(options)
+            text = policy_page(load_policy(source), options.source)
+        else:
+            text = _flight_report(options, source)
+        write_whole(out, text)
+        print(f'{shown(out)}: {len(text.encode()) / 1e6:.2f} MB')
+        return 0
+
+
+def _parser() -> CommandParser:
+    parser = CommandParser(
+        prog='mission_report',
+        description='Write one HTML file, for a browser and for print, of a flight: what was '
+        'asked, done, when and why, and what had been expected; or of a policy set.',
+    )
+    parser.add_argument(
+        'source', metavar='DIR|BAG', help='policy set; or bag of mission_record or ros2 bag record'
+    )
+    parser.add_argument('--out', required=True, metavar='REPORT.html', help='file to write')
+    parser.add_argument(
+        '--policy', metavar='DIR', help='policy set that the bag was flown by: map, expectations'
+    )
+    parser.add_argument(
+        '--namespace', metavar='NAME', help='vehicle, such as /uav1; default: the only one'
+    )
+    parser.add_argument(
+        '--speedup',
+        type=_speedup,
+        default=1.0,
+        metavar='N',
+        help="seconds of the flight per second of the bag; the demo's have 8; default: 1",
+    )
+    return parser
+
+
+def _speedup(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value <= MOST_SPEEDUP:
+        raise argparse.ArgumentTypeError(
+            f'{quoted(text)} is not a number above 0, up to {MOST_SPEEDUP:g}'
+        )
+    return value
+
+
+def _refuse_options_of_bags(options: argparse.Namespace) -> None:
+    given = [
+        f'--{name}'
+        for name, unset in (('policy', None), ('namespace', None), ('speedup', 1.0))
+        if getattr(options, name) != unset
+    ]
+    if given:
+        raise ValueError(f'{given[0]}: is for a bag, and {shown(options.source)} is a policy set')
+
+
+def _flight_report(options: argparse.Namespace, bag: Path) -> str:
+    policy = load_policy(options.policy) if options.policy is not None else None
+    record = flight_record(bag, options.namespace, options.speedup)
+    if policy is not None:
+        _check_mission(options.source, record, policy)
+    _check_states(options.source, record)
+    return flight_page(record, options.source, policy)
+
+
+def _check_states(bag: str, record: FlightRecord) -> None:
+    """Refuse what is no state of any mission; length and threat were looked at before."""
+    for at, decision in record.decided:
+        state, k = decision.state, (len(decision.state) - 5) // 2
+        if not state:
+            continue
+        if len(state) % 2 == 0:
+            raise ValueError(f'{shown(bag)}: at {at:.2f} s: {CHARGE_NOT_REPORTED}')
+        limits = ((1, len(FAULT_MODES)), *((0, 1),) * k, *((0, 2),) * k)
+        for value, (low, high) in zip(state, limits):
+            if not low <= value <= high:
+                raise ValueError(
+                    f'{shown(bag)}: at {at:.2f} s: {DECISION_TOPIC}: state: {shown(state)} has '
+                    f'{shown(value)} where {low} to {high} may be'
+                )
+
+
+def _check_mission(bag: str, record: FlightRecord, policy: Policy) -> None:
+    """Refuse decisions that no policy of this mission can have made."""
+    mission = policy.mission
+    if mission.range.charge is not None:
+        raise ValueError(f'{shown(bag)}: mission {shown(mission.name)}: {CHARGE_NOT_REPORTED}')
+    actions = 2 * mission.k + 4
+    for at, decision in record.decided:
+        if not decision.state:
+            continue
+        try:
+            policy.space.check([decision.state])
+            parse_command(mission, decision.command)
+            if len(decision.values) != actions:
+                raise ValueError(f'values: {len(decision.values)} numbers, not {actions}')
+        except ValueError as error:
+            raise ValueError(
+                f'{shown(bag)}: at {at:.2f} s: decided in another mission than '
+                f'{shown(mission.name)}: {error}'
+            ) from error
