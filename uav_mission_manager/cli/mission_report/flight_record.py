@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from uav_mission_manager.cli.recorded_flight import DECISIONS, heard_messages
-from uav_mission_manager.console.heard import TRAIL_BREAK, Heard, HeardDecision, LogLine
+from uav_mission_manager.console.heard import Heard, HeardDecision, LogLine
 from uav_mission_manager.console.messages import (
     DIAGNOSTICS_TOPIC,
     Moment,
@@ -18,6 +18,7 @@ from uav_mission_manager.console.messages import (
     heard_after,
 )
 from uav_mission_manager.console.words import InCommand, authority
+from uav_mission_manager.drawing.trail import TRAIL_BREAK
 
 OFF_GROUND = 0.5
 """Height [m] above the place where it stood from which a vehicle counts as in the air: a choice,

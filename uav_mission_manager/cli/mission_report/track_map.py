@@ -10,7 +10,6 @@ from itertools import groupby
 
 from uav_mission_manager.cli.mission_report.flight_record import FlightRecord, TrackPoint
 from uav_mission_manager.cli.mission_report.story import StoryRow
-from uav_mission_manager.console.heard import TRAIL_BREAK
 from uav_mission_manager.drawing.base_map import (
     Scale,
     drawn_name,
@@ -21,6 +20,7 @@ from uav_mission_manager.drawing.base_map import (
     text_at,
     waypoints,
 )
+from uav_mission_manager.drawing.trail import TRAIL_BREAK
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import Mission
 
