@@ -416,6 +416,11 @@ def refusal(arguments: Sequence[str], capsys: pytest.CaptureFixture[str]) -> str
             'to 8 may be',
         ),
         (
+            lambda folder: bag_of(folder / 'bag', [decided(0.0, state='1 7 2 2 0 0 0 0')]),
+            (),
+            'at 0.00 s: states with a charge (range.charge) have no report of flights yet',
+        ),
+        (
             lambda folder: bag_of(folder / 'bag', [decided(0.0, values='1 2')]),
             ('--policy', CASE_STUDY),
             'values: 2 numbers, not 10',
@@ -434,7 +439,7 @@ def test_what_cannot_be_reported_is_refused_in_one_line(
     arguments = [str(make(tmp_path)), *options, '--out', str(out)]
     if words is None:  # What is no decision is told in the report, as on the console's page.
         assert main(arguments) == 0
-        assert 'is not f, r of each goal' in out.read_text()
+        assert 'is not f, r or b, g of each goal' in out.read_text()
         return
     assert words in refusal(arguments, capsys)
     assert out.read_text() == 'the one before'

@@ -5,15 +5,17 @@ from __future__ import annotations
 import json
 import re
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from strategies import case_study
+from strategies import case_study, with_charge
 from test_mission_report import Page, report
 
 from uav_mission_manager import build_policy, load_policy
 from uav_mission_manager.cli import mission_check, mission_simulate
+from uav_mission_manager.cli.mission_report.policy_maps import MapRow, maps_table
 from uav_mission_manager.mdp import FAULT_MODES, mission_from_dict
 
 ROOT = Path(__file__).parents[2]
@@ -137,3 +139,13 @@ def test_large_grids_have_no_letters_and_few_shapes(tmp_path: Path) -> None:
     text = report(tmp_path / 'r.html', tmp_path / 'policy')
     assert '<title>cell 0: ' not in text
     assert len(text) < 5_000_000
+
+
+def test_a_policy_with_a_charge_is_drawn_full_and_empty() -> None:
+    mission = mission_from_dict(with_charge(case_study(), levels=4), 'test')
+    policy = build_policy(mission)
+    row = MapRow('all', 'nominal', (1, 1, 1), (2, 2, 2))
+    full, empty = (maps_table(policy, [replace(row, ranges=(r,) * 3)]) for r in (1, 0))
+    assert full != empty
+    assert 'commit goal' in full
+    assert 'commit goal' not in empty
