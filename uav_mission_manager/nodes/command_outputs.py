@@ -17,6 +17,7 @@ from visualization_msgs.msg import MarkerArray
 from uav_mission_manager.frames import vehicle_name
 from uav_mission_manager.mdp import Mission
 from uav_mission_manager.nodes import qos, reporting
+from uav_mission_manager.nodes.clocks import safety_clock
 from uav_mission_manager.nodes.markers import MarkerScene
 from uav_mission_manager.onboard import Refusal, Situation, format_command
 from uav_mission_manager.policy import Decision
@@ -24,6 +25,10 @@ from uav_mission_manager.policy import Decision
 NO_PUBLISHER_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
 """A subscriber that does not suit is told so itself; rclpy looks for each such event before it
 looks for messages, so a command would wait for it."""
+
+MARKER_PERIOD = 0.2
+"""Time [s] between two drawings of markers, at least: a choice, smooth enough to an eye. They take
+longer than a decision, and the next one shall not wait for them."""
 
 UNNAMED_VEHICLE = 'vehicle'
 """What the diagnostics call the hardware of a vehicle without a namespace."""
@@ -53,6 +58,8 @@ class CommandOutputs:
         self._markers_out = self._output(MarkerArray, '~/markers')
         self._diagnostics_out = self._output(DiagnosticArray, '/diagnostics', qos.RELIABLE)
         self._trace_out = self._output(String, '~/trace', qos.TRACE)
+        self._undrawn: tuple[Decision | Refusal, Situation, str] | None = None
+        node.create_timer(MARKER_PERIOD, self._draw, clock=safety_clock())
 
     def _output(self, kind: Any, topic: str, profile: QoSProfile | None = None) -> Publisher:
         return self._node.create_publisher(
@@ -93,14 +100,20 @@ class CommandOutputs:
     def explain(
         self, outcome: Decision | Refusal, situation: Situation, now: float, digest: str
     ) -> None:
-        """Publish why it was decided so, and the markers."""
+        """Publish why it was decided so, and soon the markers."""
         header, name = self._header(), f'{self._node.get_fully_qualified_name()}: decision'
         status = reporting.decision_status(name, outcome, situation, now, digest)
         status.hardware_id = self._hardware
         self._decision_out.publish(DiagnosticArray(header=header, status=[status]))
-        charge = reporting.charge_left(situation)
-        markers = self.scene.draw(outcome, situation, charge, digest, header.stamp)
-        self._markers_out.publish(markers)
+        self._undrawn = outcome, situation, digest
+
+    def _draw(self) -> None:
+        """Publish markers of the last decision that has none yet."""
+        if self._undrawn is None:
+            return
+        (outcome, situation, digest), self._undrawn = self._undrawn, None
+        charge, stamp = reporting.charge_left(situation), self._header().stamp
+        self._markers_out.publish(self.scene.draw(outcome, situation, charge, digest, stamp))
 
     def diagnose(self, statuses: Sequence[DiagnosticStatus]) -> None:
         """Publish how the node is."""
