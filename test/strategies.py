@@ -134,12 +134,17 @@ matrices = rows(distributions, 3)
 
 @st.composite
 def goals(draw, cells, k, shared):
-    """k goals, each with a priority transition of its own unless the mission has a shared one."""
+    """k goals, each with a priority transition of its own unless the mission has a shared one.
+
+    Some have a completion of their own.
+    """
     entries = []
     for j in range(1, k + 1):
         goal = {'name': f'goal{j}', 'cell': draw(cells), 'eta': draw(costs), 'delta': draw(costs)}
         if not shared or draw(st.booleans()):
             goal['priority_transition'] = draw(matrices)
+        if draw(st.booleans()):
+            goal['completion'] = draw(rows(probabilities, 8))
         entries.append(goal)
     return entries
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -11,7 +11,7 @@ from itertools import combinations
 import numpy as np
 
 from uav_mission_manager.mdp.arrays import FloatArray, IntArray
-from uav_mission_manager.mdp.dynamics import priority_matrices
+from uav_mission_manager.mdp.dynamics import completion_probabilities, priority_matrices
 from uav_mission_manager.mdp.grid import Grid
 from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.mdp.routes import diameter, distances
@@ -86,17 +86,23 @@ class Measures:
         total = summed_distances(grid, chosen)
         return 1 - total / ((pairs or 1) * (diameter(grid) or 1.0))
 
-    def fault_sensitivity(self, faults: Iterable[int]) -> float:
-        """How far completion C and cost phi in some fault modes are from nominal, at most.
+    def fault_sensitivity(self, goals: Iterable[int], faults: Iterable[int]) -> float:
+        """How far completion C_j of some goals and cost phi are from nominal, at most.
 
-        max_f (|C(f) - C(1)| / max C + |phi(f) - phi(1)| / max phi) / 2.
+        max_f max_j (|C_j(f) - C_j(1)| / max C_j + |phi(f) - phi(1)| / max phi) / 2.
         """
-        effects = self.mission.faults.completion, self.mission.faults.cost
+        chosen, cost = list(faults), self.mission.faults.cost
+        completion = completion_probabilities(self.mission).tolist()
         return max(
-            sum(abs(by_mode[f - 1] - by_mode[0]) / (max(by_mode) or 1.0) for by_mode in effects)
-            / 2
-            for f in faults
+            (_from_nominal(completion[j], f) + _from_nominal(cost, f)) / 2
+            for j in goals
+            for f in chosen
         )
+
+
+def _from_nominal(by_mode: Sequence[float], fault: int) -> float:
+    """How far a number is from that of nominal, f = 1, relative to the largest of all modes."""
+    return abs(by_mode[fault - 1] - by_mode[0]) / (max(by_mode) or 1.0)
 
 
 def summed_distances(grid: Grid, cells: IntArray) -> float:
