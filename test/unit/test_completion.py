@@ -49,11 +49,7 @@ def different(document=None, goal=1, completion=SLOW):
     return document
 
 
-DOCUMENTS = {
-    'flags': different(),
-    'charge': with_charge(different(), levels=4),
-    'all is allowed': different(lively(feasibility='paper')),
-}
+DOCUMENTS = {'flags': different(), 'charge': with_charge(different(), levels=3)}
 
 
 @pytest.fixture(scope='module', params=DOCUMENTS)
@@ -92,7 +88,10 @@ def test_a_goal_that_says_nothing_takes_as_long_as_the_faults_say():
     ('fields', 'own'),
     [
         ({'completion': SLOW}, SLOW),
-        ({'done_in': [10.0, 40.0, 'never', 80.0, *['never'] * 4]}, [1, 1 / 4, 0, 1 / 8, 0, 0, 0, 0]),
+        (
+            {'done_in': [10.0, 40.0, 'never', 80.0, *['never'] * 4]},
+            [1, 1 / 4, 0, 1 / 8, 0, 0, 0, 0],
+        ),
         # Three times as long with all in order, so three times as long with failed parts.
         ({'done_in': 60.0}, [1 / 6, 1 / 9, 1 / 12, 1 / 3, 0, 0, 0, 0]),
         # As long as an epoch at least, in every mode.
@@ -201,9 +200,9 @@ def test_bellman_equation_of_three_goals():
     document = case_study()
     document['goals'][0]['completion'] = SLOW
     document['goals'][2]['completion'] = [0.1] * 8
-    for changed in (document, with_charge(document, levels=8)):
+    for changed in (document, with_charge(document)):
         policy = build_policy(read(changed), 'exact')
-        assert_bellman(changed, policy, pick_states(policy.space, 40))
+        assert_bellman(changed, policy, pick_states(policy.space, 15))
 
 
 @pytest.mark.parametrize('method', ['split', 'highest_priority', 'best_value', 'expansion'])
@@ -281,12 +280,10 @@ def test_a_forecast_counts_modes_in_which_no_goal_can_be_done():
     for rate, impossible in ((0.0, 0.0), (0.1, 1.0)):
         document['faults']['rate']['actuator'] = rate
         mission = read(document)
-        policy = build_policy(mission, 'exact')
-        start = np.repeat(start_state(mission), 100, axis=0)
+        start = np.repeat(start_state(mission), 40, axis=0)
         flights = fly(mission, lambda s: np.full(len(s), 4), start, 180, np.random.default_rng(0))
         found = forecast.forecast(flights).events['no_goal_possible'].value
         assert found == impossible
-        assert policy.act(start[:1]).shape == (1,)
 
 
 def test_fleets_of_one_cost_what_the_reference_says(known):
@@ -307,21 +304,23 @@ def test_fleets_of_one_cost_what_the_reference_says(known):
 
 def test_sensitivities_are_those_of_missions_solved_anew():
     document = different()
-    document['goals'][1] |= {'eta': 50.0, 'delta': 50.0}
-    start = np.array([[1, 1, 1, 2, 2, 0, 0, 0, 0]])
+    document['goals'] = document['goals'][1:]
+    document['goals'][0] |= {'eta': 50.0, 'delta': 50.0}
+    document['faults']['rate'] = dict.fromkeys(document['faults']['rate'], 0.05)
+    document['range']['loss'] = {'normal': 0.05, 'agile': 0.1}
+    start = np.array([[1, 1, 2, 0, 0, 0, 0]])
 
     def cost(**changes):
         changed = json.loads(json.dumps(document))
-        changed['goals'][1] |= changes
+        changed['goals'][0] |= changes
         model = BruteForce(changed)
         return solve(model).v[model.states.index(tuple(start[0].tolist()))]
 
     solution = build_policy(read(document), 'exact', tolerance=1e-10).solution
     found = {each.name: each.relative for each in sensitivity.by_solving(solution, start)}
     after = cost(completion=[0.275, *SLOW[1:]])
-    assert found['goals.1.completion.0'] == pytest.approx(after / cost() - 1, abs=2e-6)
-    assert found['goals.1.completion.0'] < -1e-5
-    assert found['faults.completion.0'] < -1e-5
+    assert found['goals.0.completion.0'] == pytest.approx(after / cost() - 1, abs=2e-6)
+    assert abs(found['goals.0.completion.0']) > 1e-3
 
 
 def test_where_all_goals_have_their_own_the_faults_completion_is_no_parameter():

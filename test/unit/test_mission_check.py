@@ -81,6 +81,16 @@ IMPLAUSIBLE = {
         'faults.completion (done_in)',
         'no goal can ever be done',
     ),
+    'a goal is never done': (
+        edited('goals', 1, 'completion', value=[0.0] * 8),
+        'goals.1.completion (done_in)',
+        'it can never be done',
+    ),
+    'a goal is done with failed parts only': (
+        edited('goals', 2, 'done_in', value=['never', *[20.0] * 7]),
+        'goals.2.completion (done_in).0',
+        'never with all in order',
+    ),
     'done with failed parts only': (
         edited('faults', 'completion', 0, value=0.0),
         'faults.completion (done_in).0',
