@@ -44,7 +44,7 @@ def in_units(**changes):
         'lowered': 2.0,
         'withdrawn': 1.0,
     }
-    document['goals'][0]['worth'] = 3.0
+    document['goals'][0] |= {'worth': 3.0, 'done_in': 25.0}
     del document['goals'][0]['eta'], document['goals'][0]['delta']
     document['faults'] |= {
         'mtbf': {'sensor': 50.0, 'actuator': 20.0, 'camera': 0.5},

@@ -291,6 +291,7 @@ def test_json_has_the_ways_and_ranges(capsys):
     had = 5 * 5 * 14.8 / 250 * 3600 - 800 - 200
     assert answer['full_range_m'] == pytest.approx(had)
     assert goal['charge'] == pytest.approx((250 + 1000) / (had + 1000))
+    assert goal['done_seconds'] == 10.0
     assert answer['epoch_seconds'] == 10.0
     assert answer['auto'] == {'method': 'exact', 'why': ''}
     exact = next(m for m in answer['methods'] if m['method'] == 'exact')

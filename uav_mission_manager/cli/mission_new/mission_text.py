@@ -105,7 +105,7 @@ def mission_text(
         speed=speed[0],
         speed_from=speed[1],
         epoch=f'An epoch, one step from cell to cell, takes {epoch:.3g} s.',
-        done_by_goal='; of goals that say it themselves, by what factor failed parts prolong it'
+        done_by_goal='; of goals with their own only the ratios count'
         if any(goal.task for goal in selection.goals)
         else '',
     )
