@@ -149,6 +149,15 @@ def test_a_task_is_compared_with_the_time_of_its_own_goal():
     assert 'takes about 100 s, goals.0.done_in (completion) says 300 s' in str(found)
 
 
+def test_where_a_goal_is_never_done_no_time_is_compared():
+    goals = case_study()['goals']
+    goals[0] |= {'completion': [0.0] * 8, 'task': {'dwell': 500.0}}
+    found = findings(mission_from_dict(case_study(goals=goals), 'test'))
+    assert [finding.field for finding in found if 'goals.0' in finding.field] == [
+        'goals.0.completion (done_in)'
+    ]
+
+
 def test_goals_that_outlast_the_battery_are_told():
     """A full battery lasts 1,066 s; a task that is broken off is taken up again."""
     goals = case_study()['goals']
@@ -158,6 +167,15 @@ def test_goals_that_outlast_the_battery_are_told():
     assert note.note
     assert (note.field, note.value) == ('goals.1.done_in (completion)', '1070 s')
     assert note.text.startswith('a full battery lasts 18 min')
+    goals[1]['done_in'] = 1060.0
+    document = case_study(goals=[*goals, goals[2] | {'name': 'goal4'}])
+    document['faults']['completion'] = [0.005] * 8
+    [note] = [
+        finding
+        for finding in findings(mission_from_dict(document, 'test'))
+        if 'done_in' in finding.field
+    ]
+    assert (note.field, note.value) == ('faults.done_in (completion)', '2000 s')
 
 
 @pytest.mark.parametrize(

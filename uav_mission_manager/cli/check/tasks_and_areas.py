@@ -33,17 +33,18 @@ def task_findings(mission: Mission) -> Iterator[Finding]:
     if mission.energy is None:
         return
     epoch, lasts = epoch_length(mission), endurance(mission.energy, 1.0)
-    limit = LIMITS['task time']
+    limit, told = LIMITS['task time'], set[str]()
     for number, (goal, facts) in enumerate(zip(mission.goals, goal_facts(mission), strict=True)):
         done, taken = facts.done_seconds, facts.task_seconds
-        if done is None:
+        if done is None or math.isinf(done):
             continue
         where = f'goals.{number}' if goal.completion else 'faults'
-        if lasts < done < math.inf:
+        if lasts < done and where not in told:
+            told.add(where)
             text = f'a full battery lasts {duration_text(lasts)}, so that it takes several flights'
             yield Finding(f'{where}.done_in (completion)', f'{done:.0f} s', text, note=True)
         if goal.task is None or taken is None or limit.hold(max(taken, epoch) / done):
             continue
         text = f'takes about {taken:.0f} s, {where}.done_in (completion) says {done:.0f} s'
-        instead = f'give the goal done_in: {max(taken, epoch):.0f}'
+        instead = f'give the goal done_in: {math.ceil(max(taken, epoch))}'
         yield Finding(f'goals.{number}.task', goal.name, f'{text}: {instead}')
