@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -91,18 +91,20 @@ class Measures:
 
         max_f max_j (|C_j(f) - C_j(1)| / max C_j + |phi(f) - phi(1)| / max phi) / 2.
         """
-        chosen, cost = list(faults), self.mission.faults.cost
-        completion = completion_probabilities(self.mission).tolist()
-        return max(
-            (_from_nominal(completion[j], f) + _from_nominal(cost, f)) / 2
-            for j in goals
-            for f in chosen
-        )
+        chosen = np.ix_(list(goals), [f - 1 for f in faults])
+        return float(self._fault_sensitivity[chosen].max())
+
+    @cached_property
+    def _fault_sensitivity(self) -> FloatArray:
+        """`fault_sensitivity` of one goal and one fault mode, shape (k, 8)."""
+        completion = completion_probabilities(self.mission)
+        return (_from_nominal(completion) + _from_nominal(np.array(self.mission.faults.cost))) / 2
 
 
-def _from_nominal(by_mode: Sequence[float], fault: int) -> float:
-    """How far a number is from that of nominal, f = 1, relative to the largest of all modes."""
-    return abs(by_mode[fault - 1] - by_mode[0]) / (max(by_mode) or 1.0)
+def _from_nominal(by_mode: FloatArray) -> FloatArray:
+    """How far numbers (.., 8) are from that of nominal, f = 1, relative to the largest."""
+    largest = by_mode.max(axis=-1, keepdims=True)
+    return np.abs(by_mode - by_mode[..., :1]) / np.where(largest > 0, largest, 1.0)
 
 
 def summed_distances(grid: Grid, cells: IntArray) -> float:
