@@ -110,13 +110,14 @@ class BruteForce:
         f, r, g, *_ = self.split(state)
         kind, _, goal, _ = self.effect(action)
         if kind == 'commit':
-            return g[goal - 1] > 0 and r[goal - 1] == 1 and self.completion(f) > 0
+            return g[goal - 1] > 0 and r[goal - 1] == 1 and self.completion(f, goal) > 0
         if kind == 'recharge':
             return state[1] < self.levels - 1 if self.charge else 0 in r
         return f > 1 if kind == 'repair' else True
 
-    def completion(self, f):
-        return self.document['faults']['completion'][f - 1]
+    def completion(self, f, goal):
+        common = self.document['faults']['completion']
+        return self.goals[goal - 1].get('completion', common)[f - 1]
 
     def steps(self, a, b):
         return abs(a // self.cols - b // self.cols) + abs(a % self.cols - b % self.cols)
@@ -221,7 +222,7 @@ class BruteForce:
         after = self.next_cell(cell, destination)
         threats = self.threat_outcomes(t, after)
         on_site = self.goal_on_site(state, action)
-        done = self.completion(f) if on_site else 0.0
+        done = self.completion(f, on_site) if on_site else 0.0
         for completed, weight in ((True, done), (False, 1.0 - done)):
             if weight == 0:
                 continue

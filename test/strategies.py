@@ -44,7 +44,7 @@ def in_units(**changes):
         'lowered': 2.0,
         'withdrawn': 1.0,
     }
-    document['goals'][0]['worth'] = 3.0
+    document['goals'][0] |= {'worth': 3.0, 'done_in': 25.0}
     del document['goals'][0]['eta'], document['goals'][0]['delta']
     document['faults'] |= {
         'mtbf': {'sensor': 50.0, 'actuator': 20.0, 'camera': 0.5},
@@ -134,12 +134,17 @@ matrices = rows(distributions, 3)
 
 @st.composite
 def goals(draw, cells, k, shared):
-    """k goals, each with a priority transition of its own unless the mission has a shared one."""
+    """k goals, each with a priority transition of its own unless the mission has a shared one.
+
+    Some have a completion of their own.
+    """
     entries = []
     for j in range(1, k + 1):
         goal = {'name': f'goal{j}', 'cell': draw(cells), 'eta': draw(costs), 'delta': draw(costs)}
         if not shared or draw(st.booleans()):
             goal['priority_transition'] = draw(matrices)
+        if draw(st.booleans()):
+            goal['completion'] = draw(rows(probabilities, 8))
         entries.append(goal)
     return entries
 

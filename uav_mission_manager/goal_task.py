@@ -1,6 +1,6 @@
 """What is to be done at a goal, as the mission file says it (`goals[].task`).
 
-It matters to the flight alone. The model knows of it only how long it takes: `faults.done_in`.
+It matters to the flight alone. The model knows of it only how long it takes: `goals[].done_in`.
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ class Epoch:
         pairs = zip(dynamics.fault_matrices(mission), dynamics.range_matrices(mission))
         self._faults_and_ranges = [reduce(np.kron, [f, *[r] * k]) for f, r in pairs]
         completion = dynamics.completion_probabilities(mission)
-        self._completion = np.repeat(completion, 2**k)
+        self._completion = np.repeat(completion, 2**k, axis=1)
         goals, threats = (
             list(dynamics.priority_matrices(mission)),
             dynamics.threat_matrices(mission),
@@ -77,8 +77,10 @@ class Epoch:
         a = action.number - 1
         onward = self._open[self.landings[a, cell]]
         if not self._may_complete[a, cell]:
-            return [Outcome(np.ones_like(self._completion), action.commitment, onward)]
+            certain = np.ones(self._completion.shape[1])
+            return [Outcome(certain, action.commitment, onward)]
+        goal = action.commitment - 1
         return [
-            Outcome(1 - self._completion, action.commitment, onward),
-            Outcome(self._completion, 0, self._completed[action.commitment - 1]),
+            Outcome(1 - self._completion[goal], action.commitment, onward),
+            Outcome(self._completion[goal], 0, self._completed[goal]),
         ]

@@ -64,8 +64,9 @@ def outcomes_of(mission, state, action):
     ]
     priorities = dynamics.priority_matrices(mission)[np.arange(mission.k), s.g]
     threats = dynamics.threat_matrices(mission)[after, s.t]
-    done = dynamics.may_complete(mission)[a, s.l]
-    done = done * dynamics.completion_probabilities(mission)[s.f - 1]
+    done = 0.0
+    if dynamics.may_complete(mission)[a, s.l]:
+        done = dynamics.completion_probabilities(mission)[action.goal, s.f - 1]
     for weight, completed in ((done, True), (1 - done, False)):
         rows = priorities.copy()
         if completed and action.goal is not None:
@@ -105,7 +106,7 @@ def by_reduced_mission(mission, w, states):
         for a, slot in enumerate(reduced.slots):
             after, regime = reduced.landings[a, cell], reduced.regimes[a, cell]
             rows = [reduced.goals[regime, j, x[i, j]] for j in range(k)]
-            done = reduced.completion[z] if reduced.completes[a, cell] else 0.0
+            done = reduced.completion[slot, z] if reduced.completes[a, cell] else 0.0
             rows[slot] = done * reduced.completed[regime, x[i, slot]] + (1 - done) * rows[slot]
             expected = np.tensordot(reduced.threat[after, t], table[after], 1)
             expected = np.tensordot(reduced.conditions[regime, z], expected, 1)

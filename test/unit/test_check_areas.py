@@ -134,17 +134,48 @@ def test_a_task_of_half_or_twice_the_time_is_told(done_in, stay, warned):
 def test_the_warning_says_what_to_write():
     [first, *_] = tasks(30.0, *[{'dwell': 100.0}] * 3)
     assert str(first) == (
-        'goals.0.task: goal1: takes about 100 s, faults.done_in (completion) says 30 s: give 100 '
-        's, the mean of all goals'
+        'goals.0.task: goal1: takes about 100 s, faults.done_in (completion) says 30 s: give the '
+        'goal done_in: 100'
     )
 
 
-def test_where_the_mean_is_right_it_is_a_note():
-    """A stay of 100 s and two that are an epoch: (100 + 10 + 10) / 3."""
-    [note] = tasks(40.0, {'dwell': 100.0})
+def test_a_task_is_compared_with_the_time_of_its_own_goal():
+    """A stay of 100 s, of which the faults say 20 s, and the goal itself something else."""
+    goals = case_study()['goals']
+    goals[0]['done_in'] = 90.0
+    assert tasks(20.0, {'dwell': 100.0}, goals=goals) == []
+    goals[0]['done_in'] = 300.0
+    [found] = tasks(20.0, {'dwell': 100.0}, goals=goals)
+    assert 'takes about 100 s, goals.0.done_in (completion) says 300 s' in str(found)
+
+
+def test_where_a_goal_is_never_done_no_time_is_compared():
+    goals = case_study()['goals']
+    goals[0] |= {'completion': [0.0] * 8, 'task': {'dwell': 500.0}}
+    found = findings(mission_from_dict(case_study(goals=goals), 'test'))
+    assert [finding.field for finding in found if 'goals.0' in finding.field] == [
+        'goals.0.completion (done_in)'
+    ]
+
+
+def test_goals_that_outlast_the_battery_are_told():
+    """A full battery lasts 1,066 s; a task that is broken off is taken up again."""
+    goals = case_study()['goals']
+    goals[0]['done_in'], goals[1]['done_in'] = 1060.0, 1070.0
+    mission = mission_from_dict(case_study(goals=goals), 'test')
+    [note] = [finding for finding in findings(mission) if 'done_in' in finding.field]
     assert note.note
-    [warning] = tasks(40.0, {'dwell': 300.0})
-    assert not warning.note
+    assert (note.field, note.value) == ('goals.1.done_in (completion)', '1070 s')
+    assert note.text.startswith('a full battery lasts 18 min')
+    goals[1]['done_in'] = 1060.0
+    document = case_study(goals=[*goals, goals[2] | {'name': 'goal4'}])
+    document['faults']['completion'] = [0.005] * 8
+    [note] = [
+        finding
+        for finding in findings(mission_from_dict(document, 'test'))
+        if 'done_in' in finding.field
+    ]
+    assert (note.field, note.value) == ('faults.done_in (completion)', '2000 s')
 
 
 @pytest.mark.parametrize(

@@ -57,9 +57,9 @@ def test_measures_of_the_case_study():
         1 - (2 + math.sqrt(2)) / 3 / math.sqrt(10)
     )
     assert (MEASURES.spatial_coherence((6,)), MEASURES.spatial_coherence((0, 7))) == (1, 0)
-    assert MEASURES.fault_sensitivity((1,)) == 0
-    assert MEASURES.fault_sensitivity((1, 3)) == pytest.approx((0.3 + 6 / 18) / 2)
-    assert MEASURES.fault_sensitivity(range(1, 9)) == 1
+    assert MEASURES.fault_sensitivity(range(3), (1,)) == 0
+    assert MEASURES.fault_sensitivity(range(3), (1, 3)) == pytest.approx((0.3 + 6 / 18) / 2)
+    assert MEASURES.fault_sensitivity(range(3), range(1, 9)) == 1
     # Goals 1 and 2 are sqrt(5) apart, the diameter is sqrt(10).
     assert MEASURES.coupling[0, 1] == pytest.approx(math.sqrt(12 / 15) * (1 + math.sqrt(0.5)) / 2)
 
@@ -76,7 +76,7 @@ def test_measures_are_between_0_and_1(document, data):
     values = [
         measures.reward_impact(*some[:2]),
         measures.spatial_coherence(some[1]),
-        measures.fault_sensitivity(some[2]),
+        measures.fault_sensitivity(some[0], some[2]),
         measures.coupling,
     ]
     for value in values:

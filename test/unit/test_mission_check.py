@@ -81,6 +81,16 @@ IMPLAUSIBLE = {
         'faults.completion (done_in)',
         'no goal can ever be done',
     ),
+    'a goal is never done': (
+        edited('goals', 1, 'completion', value=[0.0] * 8),
+        'goals.1.completion (done_in)',
+        'it can never be done',
+    ),
+    'a goal is done with failed parts only': (
+        edited('goals', 2, 'done_in', value=['never', *[20.0] * 7]),
+        'goals.2.completion (done_in).0',
+        'never with all in order',
+    ),
     'done with failed parts only': (
         edited('faults', 'completion', 0, value=0.0),
         'faults.completion (done_in).0',
@@ -281,6 +291,7 @@ def test_json_has_the_ways_and_ranges(capsys):
     had = 5 * 5 * 14.8 / 250 * 3600 - 800 - 200
     assert answer['full_range_m'] == pytest.approx(had)
     assert goal['charge'] == pytest.approx((250 + 1000) / (had + 1000))
+    assert goal['done_seconds'] == 10.0
     assert answer['epoch_seconds'] == 10.0
     assert answer['auto'] == {'method': 'exact', 'why': ''}
     exact = next(m for m in answer['methods'] if m['method'] == 'exact')

@@ -19,10 +19,11 @@ from uav_mission_manager.cli.mission_new.found import Place
 from uav_mission_manager.cli.mission_new.geometry import middle
 from uav_mission_manager.cli.mission_new.layout import cell_of, laid_out
 from uav_mission_manager.cli.mission_new.rounds import waypoints_task
-from uav_mission_manager.cli.tasks import mean_seconds, task_seconds
+from uav_mission_manager.cli.tasks import task_seconds
 from uav_mission_manager.geodesy import Origin
 from uav_mission_manager.goal_task import Dwell, External, Photo, Waypoint, Waypoints
 from uav_mission_manager.mdp import Grid, load_mission
+from uav_mission_manager.mdp.dynamics import completion_probabilities
 from uav_mission_manager.mdp.goal_tasks import MAX_WAYPOINTS, WAYPOINT_REACH
 
 PLANE = Origin(47.0, 8.0, 0.0)
@@ -440,21 +441,33 @@ def test_how_long_another_program_works_nobody_knows():
     assert task_seconds(External(60.0), GRID, 0, 5.0) is None
 
 
-def test_the_mean_is_of_what_is_known_and_an_epoch_at_least():
-    assert mean_seconds([100.0, None, 2.0], 10.0) == 55.0
-    assert mean_seconds([None], 10.0) == 10.0
-
-
-def test_the_file_says_how_long_goals_take(tmp_path):
-    """A stay of 100 s and one of the bridge's, 2 s."""
-    mission = of_plan(tmp_path, place(100, 0, hold=100), place(0, 100))
+def test_the_file_says_how_long_each_goal_takes(tmp_path):
+    """A stay of 100 s, a round, a stay that is shorter than an epoch, and no task."""
+    mission = of_plan(
+        tmp_path,
+        place(200, 0, hold=100),
+        survey(LEGS),
+        place(0, 200, hold=3),
+        place(0, 0, hold=0),
+        options=['--cell', '90'],
+    )
     epoch = mission.grid.cell_size / 5.0
-    assert epoch < 2.0
-    done = [epoch / chance for chance in mission.faults.completion[:4]]
-    assert done == pytest.approx([51.0, 81.0, 81.0, 111.0])
+    times = {
+        goal.name: task_seconds(goal.task, mission.grid, goal.cell, 5.0, 30.0)
+        for goal in mission.goals
+    }
+    assert len(times) == 4
+    assert {2.0, 3.0, 100.0} < set(times.values())
+    assert epoch == 18.0
+    done = epoch / completion_probabilities(mission)
+    for goal, (nominal, sensor, _, both, *_) in zip(mission.goals, done):
+        expected = 30.0 if goal.task is None else max(times[goal.name], epoch)
+        assert expected <= nominal < expected + 1
+        assert (sensor / nominal, both / nominal) == pytest.approx((2.0, 3.0))
     text = (tmp_path / 'made.yaml').read_text()
+    assert 'done_in: 100.0' in text
     assert 'about 100 s' in text
-    assert 'the mean of all goals with their tasks' in text
+    assert 'of goals with their own only the ratios count' in text
 
 
 def test_without_tasks_the_file_is_as_it_was(tmp_path):

@@ -28,7 +28,7 @@ NOT_IN_A_SCHEMA = re.compile(
     r'sums to|no cell of|names a cell that|name of another goal|shorter than an epoch|too coarse'
     r'|corner \d+ is where|cross or touch|is below 1 m2|areas: need'
     r'|[0-9]\.[0-9]+ is not a whole number|energy\.speed|a discount of|off the|m from the centre'
-    r'|needs grid\.origin|needs the section energy|a full battery lasts'
+    r'|needs grid\.origin|needs the section energy|a full battery lasts|needs 8 values'
 )
 """What the loader says of files that the schema accepts."""
 

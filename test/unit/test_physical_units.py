@@ -129,6 +129,9 @@ def test_mean_times_are_kept(mission):
     for f, seconds in enumerate((12.0, 15.0, 20.0, 40.0)):
         assert mean_time(1 - faults.completion[f]) == pytest.approx(seconds)
     assert faults.completion[4:] == (0.0,) * 4
+    # Of the first goal with all in order; as many times longer with failed parts.
+    for f, seconds in enumerate((25.0, 31.25, 25.0 * 20 / 12, 25.0 * 40 / 12)):
+        assert mean_time(1 - mission.goals[0].completion[f]) == pytest.approx(seconds)
     assert mean_time(mission.discount) == pytest.approx(600.0)
 
 
@@ -181,6 +184,7 @@ TWINS = [
     (('priority_transition',), [[1, 0, 0]] * 3, 'requests_per_hour', 'priority_transition'),
     (('goals', 0, 'eta'), 1.0, 'goals[0].worth', 'goals[0].eta'),
     (('goals', 0, 'delta'), 1.0, 'goals[0].worth', 'goals[0].delta'),
+    (('goals', 0, 'completion'), [1.0] * 8, 'goals[0].done_in', 'goals[0].completion'),
     (('faults', 'rate'), dict.fromkeys(PARTS, 0.1), 'faults.mtbf', 'faults.rate'),
     (('faults', 'repair_success'), 1.0, 'faults.repair_in', 'faults.repair_success'),
     (('faults', 'completion'), [1.0] * 8, 'faults.done_in', 'faults.completion'),

@@ -48,7 +48,7 @@ def reference_terms(model, state):
         [
             goal['eta'] * g[j] * r[j] / (2 * largest) if largest else 0.0,
             g[j] / 2,
-            1 - model.completion(f) * undisturbed(model, f, t, cell, goal['cell']),
+            1 - model.completion(f, j + 1) * undisturbed(model, f, t, cell, goal['cell']),
             (way(cell, goal) / longest if longest else 0.0) if r[j] else 1.0,
         ]
         for j, goal in enumerate(model.goals)

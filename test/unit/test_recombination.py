@@ -57,7 +57,8 @@ class SplitSubMdp(BruteForce):
         kind, _, own, _ = self.effect(action)
         if kind == 'commit' and not own:
             strict = self.document.get('feasibility') != 'paper'
-            return not strict or self.completion(state[0]) > 0
+            number = self.whole.effect(action)[2]
+            return not strict or self.whole.completion(state[0], number) > 0
         return kind == 'recharge' or super().allowed(state, action)
 
 

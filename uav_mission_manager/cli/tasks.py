@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 from uav_mission_manager.autopilot.task import Settings
 from uav_mission_manager.goal_task import Dwell, External, GoalTask, Photo
@@ -74,12 +73,3 @@ def task_seconds(
         seconds += up / CLIMB_SPEED if up > 0.0 else -up / DESCENT_SPEED
         here, altitude = there, altitude + up
     return seconds
-
-
-def mean_seconds(times: Sequence[float | None], epoch: float) -> float:
-    """Return the mean [s] of the times that are known, an epoch [s] at least each.
-
-    That is what `faults.done_in` can say of goals with different tasks.
-    """
-    known = [max(seconds, epoch) for seconds in times if seconds is not None]
-    return sum(known) / len(known) if known else epoch

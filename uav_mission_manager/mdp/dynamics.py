@@ -2,7 +2,7 @@
 
 Given the action the variables move independently, so P(s' | s, a) is the product of the matrices
 here, with one exception: an action that commits to goal j on the cell of goal j completes the
-goal with probability `completion(f)`, and then g_j' = 0 and c' = 0.
+goal with probability `completion_j(f)`, and then g_j' = 0 and c' = 0.
 
 Rows of a matrix are the present value, columns the next. How f, r and the charge move depends on
 the *regime* of the epoch: flight in one of two modes, or one of three stays on the ground.
@@ -64,8 +64,10 @@ def may_complete(mission: Mission) -> BoolArray:
 
 
 def completion_probabilities(mission: Mission) -> FloatArray:
-    """completion(f), shape (8,)."""
-    return np.array(mission.faults.completion)
+    """completion_j(f) of each goal, shape (k, 8)."""
+    shared = mission.faults.completion
+    rows = [shared if goal.completion is None else goal.completion for goal in mission.goals]
+    return np.array(rows)
 
 
 def failure_probabilities(mission: Mission) -> FloatArray:

@@ -2,7 +2,7 @@
 
 `strict` missions allow
 
-- commitment to goal j only where g_j > 0, r_j = 1 and completion(f) > 0;
+- commitment to goal j only where g_j > 0, r_j = 1 and completion_j(f) > 0;
 - recharging only where some r_j = 0, or where the mission has a charge, where that is not full;
 - repair only where f > 1.
 
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from uav_mission_manager.mdp.actions import ActionKind, global_actions
 from uav_mission_manager.mdp.arrays import BoolArray
 from uav_mission_manager.mdp.charge import RangeFlags
+from uav_mission_manager.mdp.dynamics import completion_probabilities
 from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.mdp.states import StateSpace
 
@@ -44,19 +45,19 @@ class Feasibility:
 
 def feasibility(mission: Mission) -> Feasibility:
     """Return the mission's feasibility rule."""
-    kinds = [action.kind for action in global_actions(mission)]
-    by_fault = np.ones((len(kinds), 8), dtype=bool)
+    actions = global_actions(mission)
+    by_fault = np.ones((len(actions), 8), dtype=bool)
     by_goal = np.ones((3, 2), dtype=bool)
-    needs_room = np.zeros(len(kinds), dtype=bool)
+    needs_room = np.zeros(len(actions), dtype=bool)
     if mission.feasibility == 'strict':
         by_goal[0] = by_goal[:, 0] = False
-        completes = np.array(mission.faults.completion) > 0
-        for a, kind in enumerate(kinds):
-            if kind is ActionKind.COMMIT:
-                by_fault[a] = completes
-            elif kind is ActionKind.REPAIR:
+        completes = completion_probabilities(mission) > 0
+        for a, action in enumerate(actions):
+            if action.goal is not None:
+                by_fault[a] = completes[action.goal]
+            elif action.kind is ActionKind.REPAIR:
                 by_fault[a, 0] = False
-            needs_room[a] = kind is ActionKind.RECHARGE
+            needs_room[a] = action.kind is ActionKind.RECHARGE
     return Feasibility(by_fault, by_goal, needs_room)
 
 

@@ -183,6 +183,15 @@ def row(length: int, check: Check[float]) -> Check[Row]:
     return Check(check_row, _list_of(length, check.schema))
 
 
+def one_or_row(one: Check[float], several: Check[Row]) -> Check[float | Row]:
+    """Return a check for a number, or for a list of numbers."""
+
+    def check(value: Any) -> float | Row:
+        return several(value) if isinstance(value, (list, tuple)) else one(value)
+
+    return Check(check, {'anyOf': [one.schema, several.schema]})
+
+
 def matrix(rows: int, check_row: Check[Row]) -> Check[Matrix]:
     """Return a check for a list of rows."""
 

@@ -61,6 +61,8 @@ class Goal:
     task : GoalTask or None
         What is done there, None for what the bridge does at every goal. Needed to fly, not to
         plan.
+    completion : tuple of 8, or None
+        P(completed in one epoch on site | f); None for that of `Faults`.
     """
 
     name: str
@@ -69,6 +71,7 @@ class Goal:
     delta: float
     priority_transition: Matrix
     task: GoalTask | None = None
+    completion: Row | None = None
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,7 @@ class Faults:
     repair_success : float
         P(f' = 1) of one repair at the service cell.
     completion : tuple of 8
-        P(goal completed in one epoch on site | f).
+        P(goal completed in one epoch on site | f), of goals that have none of their own.
     cost : tuple of 8
         phi(f), cost an epoch.
     """
@@ -241,8 +244,9 @@ class Mission:
         del data['extra_costs']
         for entry, goal in zip(data['goals'], self.goals, strict=True):
             entry['task'] = goal.task and task_to_dict(goal.task)
-            if goal.task is None:
-                del entry['task']
+            for key in ('task', 'completion'):
+                if entry[key] is None:
+                    del entry[key]
         data['threat']['zones'] = {str(cell): onset for cell, onset in self.threat.zones}
         if self.grid.origin is None:
             del data['grid']['origin']

@@ -82,8 +82,8 @@ def mission_from_dict(data: Any, source: str) -> Mission:
         discount=_either(root, 'discount', 'horizon', lambda mean: _discount(mean, epoch)),
         feasibility=root.get('feasibility', _feasibility(source)),
         grid=grid,
-        goals=_goals(root, grid, epoch, cost),
-        faults=root.below('faults', lambda section: _faults(section, epoch, cost)),
+        faults=(faults := root.below('faults', lambda section: _faults(section, epoch, cost))),
+        goals=_goals(root, grid, epoch, cost, faults.completion),
         range=root.below('range', lambda section: _range(section, grid, energy, cost)),
         threat=root.below('threat', lambda section: _threat(section, grid, epoch, cost)),
         distance_weight=root.get('distance_weight', cost),
@@ -196,7 +196,7 @@ def _areas(section: Section, grid: Grid) -> Areas:
 
 
 def _goals(
-    root: Section, grid: Grid, epoch: Epoch, cost: Callable[[Any], Any]
+    root: Section, grid: Grid, epoch: Epoch, cost: Callable[[Any], Any], completion: Row
 ) -> tuple[Goal, ...]:
     shared = _priorities(root, epoch)
     goals: list[Goal] = []
@@ -210,11 +210,28 @@ def _goals(
             section.fail('priority_transition', 'is missing')
         name, cell = section.get('name'), section.get('cell', _cell(grid))
         task = section.below('task', partial(read_task, grid=grid, cell=cell))
-        goal = Goal(name, cell, eta, delta, transition, task)
+        own = _either(
+            section, 'completion', 'done_in', partial(_done, epoch=epoch, shared=completion)
+        )
+        goal = Goal(name, cell, eta, delta, transition, task, own)
         if goal.name in (other.name for other in goals):
             section.fail('name', f'{quoted(goal.name)} is the name of another goal too')
         goals.append(goal)
     return tuple(goals)
+
+
+def _done(means: float | Row, epoch: Epoch, shared: Row) -> Row:
+    """Return P(a goal is completed | f) of its mean times [s], or of that with all in order.
+
+    Failed parts then make it as many times longer as they do in `faults`, whose completion is
+    `shared`, but it takes an epoch at least.
+    """
+    if isinstance(means, tuple):
+        return tuple(map(epoch.end, means))
+    if not shared[0]:
+        raise Bad('needs 8 values where faults.completion (done_in) is 0 (never) of the first')
+    nominal = epoch.end(means)
+    return tuple(min(nominal * probability / shared[0], 1.0) for probability in shared)
 
 
 def _priorities(section: Section, epoch: Epoch) -> Matrix | None:

@@ -93,6 +93,9 @@ _PRIORITIES = (
 ONE_WAY_OF_PRIORITIES = (('priority_transition',), ('requests_per_hour',))
 """How a goal, or the mission for all that have none of their own, says what is wanted."""
 
+_BY_FAULT_MODE = fields.row(8, fields.probability)
+_DONE_IN = fields.row(8, fields.positive_or('never', math.inf))
+
 _GOAL = Table(
     (
         Field('name', fields.name, 'unique, without white space'),
@@ -114,6 +117,14 @@ _GOAL = Table(
             'unit of priority]',
         ),
         *_PRIORITIES,
+        Field('completion', _BY_FAULT_MODE, 'in place of faults.completion [1]', None),
+        Field(
+            'done_in',
+            fields.one_or_row(fields.positive, _DONE_IN),
+            'in place of completion, by fault mode, or with all in order: then failed parts make '
+            'it as many times longer as in faults [s]',
+            None,
+        ),
         Field(
             'task',
             TASK_TABLE,
@@ -121,7 +132,7 @@ _GOAL = Table(
             None,
         ),
     ),
-    ((('eta', 'delta'), ('worth',)), ONE_WAY_OF_PRIORITIES),
+    ((('eta', 'delta'), ('worth',)), ONE_WAY_OF_PRIORITIES, (('completion',), ('done_in',))),
 )
 
 _FAULTS = Table(
@@ -144,14 +155,13 @@ _FAULTS = Table(
         Field('repair_in', fields.positive, 'in place of repair_success: mean time of one [s]'),
         Field(
             'completion',
-            fields.row(8, fields.probability),
+            _BY_FAULT_MODE,
             'by fault mode: probability that an epoch in its cell completes a goal [1]',
         ),
         Field(
             'done_in',
-            fields.row(8, fields.positive_or('never', math.inf)),
-            'in place of completion, by fault mode: mean time at a goal until it is done, or '
-            'never [s]',
+            _DONE_IN,
+            'in place of completion: mean time at a goal until it is done, or never [s]',
         ),
         Field('cost', fields.row(8, fields.non_negative), 'by fault mode [cost, see costs_per]'),
     ),

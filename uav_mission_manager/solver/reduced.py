@@ -16,7 +16,7 @@ where h has the cost of flying on an empty battery too, and the saving is what t
 an action takes off the next stage cost. An action leads from a cell to one *arrival*: a cell l'
 and a regime of `uav_mission_manager.mdp.dynamics`. Given the arrival, t, f, b and every x_j move
 independently, each by a small matrix of its own. Where an action may complete its goal j, E is
-mixed, by completion(f), with the same expectation at g_j' = 0.
+mixed, by completion_j(f), with the same expectation at g_j' = 0.
 
 Every factored form in this package takes its terms from here, and they come from
 `uav_mission_manager.mdp`. Only elementwise operations in a fixed order are used, so that the
@@ -71,7 +71,8 @@ class ReducedMission:
         The same where the goal is completed.
     defect : float
         By how much P(z' | z) of all z' may sum to more or less than 1, but for rounding.
-    completion, fault_costs : float array (Z,)
+    completion : float array (n, Z)
+    fault_costs : float array (Z,)
     goal_costs : float array (n, q, Z, X)
         Cost of x_j as if uncommitted.
     level_costs : float array (n, q or 1, levels, X)
@@ -100,7 +101,8 @@ class ReducedMission:
         self.agile = np.array([int(action.agile) for action in sub.actions])
         self.threat = dynamics.threat_matrices(mission)
         self._dynamics(mission)
-        self.completion = np.repeat(dynamics.completion_probabilities(mission), self.levels)
+        completion = dynamics.completion_probabilities(mission)[list(sub.goals)]
+        self.completion = np.repeat(completion, self.levels, axis=1)
         self.fault_costs = np.repeat(sub.fault_costs, self.levels)
         travel = sub.travel_costs[..., None] + sub.empty_costs
         self.travel = self._by_condition(travel)
@@ -181,12 +183,12 @@ class ReducedMission:
         if np.ndim(cells) == 0:
             return self.action_costs(np.array([cells]), x, conditions)[:, 0]
         z = np.arange(self.z_values)[conditions]
-        rule, completion = self.sub.feasibility, self.completion[z]
+        rule = self.sub.feasibility
         costs = np.empty((len(self.slots), np.size(cells), len(z), len(x)))
         costs[:] = self.travel[:, cells][..., z, None]
         for action in np.flatnonzero(self.slots >= 0).tolist():
             slot, own = self.slots[action], x[:, self.slots[action]]
-            kept = 1 - self.completes[action, cells][:, None] * completion
+            kept = 1 - self.completes[action, cells][:, None] * self.completion[slot, z]
             saving = self.saving[self.agile[action], slot, self.landings[action, cells]]
             costs[action] -= kept[..., None] * saving[:, z][..., own]
             allowed = self._allowed[slot, cells][:, z][..., own]
@@ -252,7 +254,11 @@ class ReducedMission:
 
 def goal_order(mission: Mission) -> list[int]:
     """Goals from 0 in an order that does not depend on how they are numbered or called."""
-    keys = [(g.cell, g.eta, g.delta, g.priority_transition) for g in mission.goals]
+    completion = dynamics.completion_probabilities(mission).tolist()
+    keys = [
+        (goal.cell, goal.eta, goal.delta, goal.priority_transition, row)
+        for goal, row in zip(mission.goals, completion)
+    ]
     return sorted(range(mission.k), key=keys.__getitem__)
 
 

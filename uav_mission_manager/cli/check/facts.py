@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from uav_mission_manager.cli.tasks import in_words, task_seconds
 from uav_mission_manager.mdp import Grid, Mission
+from uav_mission_manager.mdp.dynamics import completion_probabilities
 from uav_mission_manager.mdp.epoch import SECONDS_PER_MINUTE
 from uav_mission_manager.mdp.range_model import flight_range, required_ranges
 from uav_mission_manager.solver.evaluation.forecast import epoch_length
@@ -32,6 +33,9 @@ class GoalFacts:
         What is done there, '' for a stay.
     task_seconds : float or None
         How long that takes about [s]; None where nothing says it.
+    done_seconds : float or None
+        How long it takes by the model [s], in the mean with all in order, inf for never; None
+        where the length of an epoch is unknown.
     """
 
     name: str
@@ -44,6 +48,7 @@ class GoalFacts:
     delta: float
     task: str
     task_seconds: float | None
+    done_seconds: float | None
 
 
 def epoch_seconds(mission: Mission) -> float | None:
@@ -60,6 +65,13 @@ def grid_text(grid: Grid) -> str:
     """Return the size of a grid, and how it is turned, for people."""
     text = f'{grid.rows} x {grid.cols} cells of {grid.cell_size:g} m'
     return f'{text}, their columns leading to {grid.bearing:g} deg' if grid.bearing else text
+
+
+def done_text(goal: GoalFacts) -> str:
+    """Return the mean time at a goal until it is done, for people."""
+    if goal.done_seconds is None:
+        return '?'
+    return duration_text(goal.done_seconds) if math.isfinite(goal.done_seconds) else 'never'
 
 
 def worth_a_minute(goal: GoalFacts, seconds: float | None) -> tuple[float, float] | None:
@@ -81,14 +93,15 @@ def goal_facts(mission: Mission) -> tuple[GoalFacts, ...]:
     grid = mission.grid
     base, service = grid.position(grid.base), grid.position(grid.service)
     ranges = required_ranges(mission, base)
+    times = zip(goal_times(mission), done_times(mission))
     found = []
-    for goal, needed, seconds in zip(mission.goals, ranges, goal_times(mission)):
+    for goal, needed, (taken, done) in zip(mission.goals, ranges, times):
         place = grid.position(goal.cell)
         ways = math.dist(base, place), math.dist(place, service)
         charge = _charge(mission, needed)
         costs = goal.eta, goal.delta
-        task = in_words(goal.task), seconds
-        found.append(GoalFacts(goal.name, goal.cell, *ways, needed, charge, *costs, *task))
+        task, lasts = in_words(goal.task), (taken, done)
+        found.append(GoalFacts(goal.name, goal.cell, *ways, needed, charge, *costs, task, *lasts))
     return tuple(found)
 
 
@@ -98,6 +111,15 @@ def goal_times(mission: Mission) -> list[float | None]:
         return [None] * mission.k
     grid, speed = mission.grid, mission.energy.speed
     return [task_seconds(goal.task, grid, goal.cell, speed) for goal in mission.goals]
+
+
+def done_times(mission: Mission) -> list[float | None]:
+    """Return the mean time [s] of each goal in the model, see `GoalFacts.done_seconds`."""
+    epoch = epoch_seconds(mission)
+    if epoch is None:
+        return [None] * mission.k
+    nominal = completion_probabilities(mission)[:, 0].tolist()
+    return [epoch / chance if chance else math.inf for chance in nominal]
 
 
 def _charge(mission: Mission, needed: float) -> float | None:

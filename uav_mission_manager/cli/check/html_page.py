@@ -7,6 +7,7 @@ from html import escape
 from string import Template
 
 from uav_mission_manager.cli.check.facts import (
+    done_text,
     epoch_seconds,
     full_range,
     goal_facts,
@@ -56,7 +57,8 @@ $findings
 
 GOAL_TABLE = """<table>
 <thead><tr><th>#</th><th>goal</th><th>cell</th><th>from base</th><th>to service</th><th>needs</th>
-<th>charge</th><th>eta, delta</th><th>worth a minute</th><th>task</th></tr></thead>
+<th>charge</th><th>done in</th><th>eta, delta</th><th>worth a minute</th><th>task</th></tr>
+</thead>
 <tbody>
 {}
 </tbody>
@@ -142,6 +144,7 @@ def _rows(mission: Mission) -> list[str]:
             f'{goal.to_service:,.0f} m',
             f'{goal.needed:,.0f} m',
             '' if goal.charge is None else f'{goal.charge:.0%}',
+            '' if goal.done_seconds is None else done_text(goal),
             f'{goal.eta:.4g}, {goal.delta:.4g}',
             '' if worth is None else f'{worth[0]:.4g}, {worth[1]:.4g}',
             task_text(goal),

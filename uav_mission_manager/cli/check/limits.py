@@ -67,8 +67,8 @@ LIMITS = {
     ),
 }
 """By field; `endurance` is that of a full battery, `horizon` 1 / (1 - discount), and `cost ratio`
-that of the largest cost to all others together. `task time` is that of a goal's task over
-`faults.done_in`."""
+that of the largest cost to all others together. `task time` is that of a goal's task over its
+`done_in`."""
 
 DRAWN_EPOCHS = 20_000
 """Epochs of flight that are drawn to see whether a goal is ever committed to: what is done in one

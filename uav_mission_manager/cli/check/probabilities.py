@@ -65,14 +65,18 @@ def _failures(mission: Mission) -> Iterator[Finding]:
 
 
 def _completion(mission: Mission) -> Iterator[Finding]:
-    completion = mission.faults.completion
-    field = 'faults.completion (done_in)'
-    if not any(completion):
-        text = 'no goal can ever be done: give the chance that an epoch on site completes it'
-        yield Finding(field, completion, text)
-    elif completion[0] == 0:
-        text = 'a goal is done with failed parts only, never with all in order: raise the first'
-        yield Finding(f'{field}.0', 0.0, text)
+    own = {f'goals.{j}': goal.completion for j, goal in enumerate(mission.goals)}
+    found = {'faults': mission.faults.completion} if None in own.values() else {}
+    found |= {where: completion for where, completion in own.items() if completion}
+    for where, completion in found.items():
+        field = f'{where}.completion (done_in)'
+        if not any(completion):
+            what = 'no goal can ever' if where == 'faults' else 'it can never'
+            text = f'{what} be done: give the chance that an epoch on site completes it'
+            yield Finding(field, completion, text)
+        elif completion[0] == 0:
+            text = 'is done with failed parts only, never with all in order: raise the first'
+            yield Finding(f'{field}.0', 0.0, text)
 
 
 def _range(mission: Mission) -> Iterator[Finding]:

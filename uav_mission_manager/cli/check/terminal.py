@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from uav_mission_manager.cli.check.facts import (
+    done_text,
     duration_text,
     epoch_seconds,
     full_range,
@@ -119,10 +120,11 @@ def _draw(line: Text, sign: str, hue: str) -> None:
 
 
 def _goal_table(mission: Mission) -> Table:
-    seconds, had = epoch_seconds(mission), full_range(mission)
+    seconds = epoch_seconds(mission)
     unit = 'an epoch' if seconds is None else 'a minute'
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for head in ('', 'goal', 'cell', 'from base', 'to service', 'needs', 'had', f'worth {unit}'):
+    ways = 'from base', 'to service', 'needs'
+    for head in ('', 'goal', 'cell', *ways, 'done in', f'worth {unit}'):
         table.add_column(head, justify='left' if head in ('', 'goal') else 'right')
     for number, goal in enumerate(goal_facts(mission)[:SHOWN_GOALS], 1):
         eta, delta = worth_a_minute(goal, seconds) or (goal.eta, goal.delta)
@@ -134,7 +136,7 @@ def _goal_table(mission: Mission) -> Table:
             f'{goal.from_base:,.0f} m',
             f'{goal.to_service:,.0f} m',
             f'{goal.needed:,.0f} m',
-            '?' if had is None else f'{max(had, 0):,.0f} m',
+            done_text(goal),
             both,
         )
     return table

@@ -9,7 +9,7 @@ from typing import Any
 
 from uav_mission_manager.cli.mission_new.layout import cell_of
 from uav_mission_manager.cli.mission_new.selection import Selection
-from uav_mission_manager.cli.tasks import mean_seconds, task_seconds
+from uav_mission_manager.cli.tasks import task_seconds
 from uav_mission_manager.goal_task import Waypoints, task_to_dict
 from uav_mission_manager.mdp import Grid
 from uav_mission_manager.mdp.areas import Polygon
@@ -25,7 +25,7 @@ faults:
   # Eight values are by fault mode: nominal, sensor, actuator, both, and the same without camera.
   mtbf: {{sensor: 100.0, actuator: 50.0, camera: 100.0}}   # [h] mean time between failures
   agile_factor: {{sensor: 1.0, actuator: 2.0, camera: 1.0}}
-  # Time at a goal until it is done [s]{done_from}:
+  # Time at a goal until it is done [s]{done_by_goal}:
   done_in: [{done}, {slow}, {slow}, {slower}, never, never, never, never]
   repair_in: {repair}   # [s]
   cost: [0.0, 2.0, 6.0, 10.0, 1.0, 3.0, 7.0, 12.0]
@@ -64,7 +64,7 @@ GUESSES = {
 """Mean times [s], and how many epochs they are at least: what is shorter the model cannot tell."""
 
 DONE, SLOWER_BY = 30.0, 30.0
-"""Mean time [s] at a goal where no task says it, and how much longer each failed part makes it."""
+"""Mean time [s] at a goal without a task, and how much longer each failed part makes it."""
 
 
 def mission_text(
@@ -96,10 +96,8 @@ def mission_text(
     """
     epoch = grid.cell_size / speed[0]
     tasks = _task_times(selection, grid, speed[0], height)
-    known = any(goal.task for goal in selection.goals)
-    done = mean_seconds([*tasks.values()], epoch) if known else DONE
     guesses = GUESSES | {
-        key: (done + parts * SLOWER_BY, 1) for parts, key in enumerate(('done', 'slow', 'slower'))
+        key: (DONE + parts * SLOWER_BY, 1) for parts, key in enumerate(('done', 'slow', 'slower'))
     }
     times = {key: f'{max(least, math.ceil(n * epoch)):.1f}' for key, (least, n) in guesses.items()}
     rest = PARAMETERS_TEXT.format(
@@ -107,10 +105,12 @@ def mission_text(
         speed=speed[0],
         speed_from=speed[1],
         epoch=f'An epoch, one step from cell to cell, takes {epoch:.3g} s.',
-        done_from=', the first the mean of all goals with their tasks' if known else '',
+        done_by_goal='; of goals with their own only the ratios count'
+        if any(goal.task for goal in selection.goals)
+        else '',
     )
     head = [f'# {note}' for note in notes]
-    goals = ['goals:', *_goal_lines(selection, grid, worths, tasks)]
+    goals = ['goals:', *_goal_lines(selection, grid, worths, tasks, epoch)]
     lines = [
         *head,
         f'name: {_quoted(name)}',
@@ -167,6 +167,7 @@ def _goal_lines(
     grid: Grid,
     worths: Mapping[str, float],
     times: Mapping[str, float | None],
+    epoch: float,
 ) -> Iterator[str]:
     assert grid.origin is not None
     for goal in selection.goals:
@@ -175,15 +176,18 @@ def _goal_lines(
         offset = math.dist(point, grid.position(cell))
         fields = {'name': _quoted(goal.name), 'cell': cell, 'worth': worths.get(goal.name, 1.0)}
         remark = f'{_remark(goal.source)}: {offset:.0f} m from the centre of its cell'
+        seconds = times[goal.name]
+        if goal.task is not None and seconds is not None:
+            fields['done_in'] = float(math.ceil(max(seconds, epoch)))
         if isinstance(goal.task, Waypoints):
             head, *rest = (f'{key}: {value}' for key, value in fields.items())
             yield f'  - {head}   # {remark}'
             yield from (f'    {line}' for line in rest)
-            yield from _waypoint_lines(goal.task, times[goal.name])
+            yield from _waypoint_lines(goal.task, seconds)
             continue
         if goal.task is not None:
             fields['task'] = _flow(task_to_dict(goal.task))
-            remark += f'; about {times[goal.name]:.0f} s'
+            remark += f'; about {seconds:.0f} s'
         yield f'  - {_flow(fields)}   # {remark}'
 
 

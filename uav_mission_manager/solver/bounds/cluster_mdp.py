@@ -92,7 +92,7 @@ class ClusterMdp:
         # The matrices of x, the largest by far, depend on the regime and the slot alone.
         matrices = self._matrices()
         self._goals = [matrices[to.regime, to.slot] for to in self.arrivals]
-        self._completion = self._array(np.tile(reduced.completion, sub.threats))
+        self._completion = self._array(np.tile(reduced.completion, (1, sub.threats)))
         # Rows of transition matrices may sum to slightly more or less than 1.
         of_goals = np.abs(reduced.goals.sum(axis=-1) - 1).max(axis=(0, 2)).sum()
         self.defect = float(of_goals) + reduced.defect
@@ -188,7 +188,8 @@ class ClusterMdp:
             goals, *completed = self._goals[number]
             np.matmul(goals, later, out=ahead[number])
             for instead in completed:
-                ahead[number] += self._completion * (instead @ later - ahead[number])
+                completion = self._completion[arrival.slot]
+                ahead[number] += completion * (instead @ later - ahead[number])
         return ahead
 
     def costs(self, shifts: Terms) -> list[RealArray]:
@@ -239,7 +240,7 @@ class ClusterMdp:
         mass = np.zeros(self.shape, self.dtype)
         for number, arrival in enumerate(self.arrivals):
             goals, *completed = self._goals[number]
-            done = self._completion * arrived[number] if completed else 0
+            done = self._completion[arrival.slot] * arrived[number] if completed else 0
             moved = goals.T @ (arrived[number] - done)
             for instead in completed:
                 moved += instead.T @ done

@@ -170,7 +170,7 @@ class _Candidates:
         measured = (
             measures.reward_impact(goals, cells),
             measures.spatial_coherence(cells if len(goals) == self.mission.k else ends),
-            measures.fault_sensitivity(faults),
+            measures.fault_sensitivity(goals, faults),
             float(measures.coupling[np.ix_(goals, goals)].max()),
         )
         impact, coherence, sensitivity, coupling = (

@@ -11,7 +11,7 @@ from itertools import combinations
 import numpy as np
 
 from uav_mission_manager.mdp.arrays import FloatArray, IntArray
-from uav_mission_manager.mdp.dynamics import priority_matrices
+from uav_mission_manager.mdp.dynamics import completion_probabilities, priority_matrices
 from uav_mission_manager.mdp.grid import Grid
 from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.mdp.routes import diameter, distances
@@ -86,17 +86,25 @@ class Measures:
         total = summed_distances(grid, chosen)
         return 1 - total / ((pairs or 1) * (diameter(grid) or 1.0))
 
-    def fault_sensitivity(self, faults: Iterable[int]) -> float:
-        """How far completion C and cost phi in some fault modes are from nominal, at most.
+    def fault_sensitivity(self, goals: Iterable[int], faults: Iterable[int]) -> float:
+        """How far completion C_j of some goals and cost phi are from nominal, at most.
 
-        max_f (|C(f) - C(1)| / max C + |phi(f) - phi(1)| / max phi) / 2.
+        max_f max_j (|C_j(f) - C_j(1)| / max C_j + |phi(f) - phi(1)| / max phi) / 2.
         """
-        effects = self.mission.faults.completion, self.mission.faults.cost
-        return max(
-            sum(abs(by_mode[f - 1] - by_mode[0]) / (max(by_mode) or 1.0) for by_mode in effects)
-            / 2
-            for f in faults
-        )
+        chosen = np.ix_(list(goals), [f - 1 for f in faults])
+        return float(self._fault_sensitivity[chosen].max())
+
+    @cached_property
+    def _fault_sensitivity(self) -> FloatArray:
+        """`fault_sensitivity` of one goal and one fault mode, shape (k, 8)."""
+        completion = completion_probabilities(self.mission)
+        return (_from_nominal(completion) + _from_nominal(np.array(self.mission.faults.cost))) / 2
+
+
+def _from_nominal(by_mode: FloatArray) -> FloatArray:
+    """How far numbers (.., 8) are from that of nominal, f = 1, relative to the largest."""
+    largest = by_mode.max(axis=-1, keepdims=True)
+    return np.abs(by_mode - by_mode[..., :1]) / np.where(largest > 0, largest, 1.0)
 
 
 def summed_distances(grid: Grid, cells: IntArray) -> float:

@@ -75,8 +75,9 @@ class Forecast:
     means : dict of str to Interval
         `recharges`, `repairs` (tries), `agile_minutes`, `air_minutes`, `energy_wh`.
     events : dict of str to Interval
-        Probabilities of `actuator_failed`, `no_goal_possible` (a fault mode of completion 0) and
-        `full_charge_drawn` (more than a full battery holds, from one recharge to the next).
+        Probabilities of `actuator_failed`, `no_goal_possible` (a fault mode in which no goal is
+        ever completed) and `full_charge_drawn` (more than a full battery holds, from one recharge
+        to the next).
     cost : Interval
         Discounted cost.
     """
@@ -229,7 +230,7 @@ def _actuator_failed(flights: Flights) -> BoolArray:
 
 
 def _no_goal_possible(flights: Flights) -> BoolArray:
-    hopeless = completion_probabilities(flights.mission) == 0
+    hopeless = (completion_probabilities(flights.mission) == 0).all(axis=0)
     return np.asarray(flights.fault_modes[:, hopeless].any(axis=1))
 
 

@@ -85,7 +85,10 @@ def parameters(mission: Mission) -> list[Parameter]:
     document = json.loads(json.dumps(mission.to_dict()))
     found = [_longer_horizon(document)]
     alike = len({goal.priority_transition for goal in mission.goals}) == 1
+    all_own = all(goal.completion is not None for goal in mission.goals)
     for path in _numbers(document):
+        if all_own and path[:2] == ('faults', 'completion'):
+            continue
         shared = alike and path[0] == 'goals' and path[2] == 'priority_transition'
         if shared and path[1] != 0:
             continue

@@ -155,7 +155,8 @@ class Simulator:
         """
         a, s, after = actions - 1, self.space.split(states), states.copy()
         regime, to = self._regimes[a, s.l], self.space.split(after)
-        completing = rng.random(len(a)) < self._completion[s.f - 1]
+        # Without a goal, -1, an action reads some row, and completes nothing all the same.
+        completing = rng.random(len(a)) < self._completion[self._goal[a], s.f - 1]
         completing &= self._may_complete[a, s.l]
         to.f[:] = _draw(self._faults[regime, s.f - 1], rng) + 1
         to.r[:] = _draw(self._ranges[regime[:, None], s.r], rng)

@@ -91,7 +91,7 @@ class AxisModel:
         (r) or (b) after an epoch of recharging, of that before.
     repair : float array ()
         P(f' = 1) of a repair.
-    completion : float array (8,)
+    completion : float array (n, 8)
     base_cost : float array (1, 3^n, columns)
         What f, r and g cost, as if uncommitted; (q, 3^n, columns) with a charge, for r_j(b, l).
     choices : tuple of Choice
@@ -110,7 +110,7 @@ class AxisModel:
         self.failures = self._array(failure_probabilities(mission)[:, ::-1].T)
         self._range_axes(mission)
         self.repair = self._array(mission.faults.repair_success)
-        self.completion = self._array(completion_probabilities(mission))
+        self.completion = self._array(completion_probabilities(mission)[list(sub.goals)])
         self.base_cost = self._base_cost()
         self.choices = self._choices()
 

@@ -210,7 +210,7 @@ class _Block:
         axes = -1, 3, self._after(slot), *expected.shape[1:]
         values = expected.reshape(axes).copy()
         towards = done.reshape(values.shape[0], 1, *values.shape[2:])
-        probability = self.model.completion[self.modes, None]
+        probability = self.model.completion[slot, self.modes, None]
         run_steps(drift(values, towards, probability, np.empty_like(values)))
         return values
 

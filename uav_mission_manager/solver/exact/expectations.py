@@ -192,12 +192,13 @@ class ArrivalExpectation:
         return self.table[first : first + 2]
 
     def _completion(self, slot: int) -> list[ArrayStep]:
-        """Mix with the completed part by completion(f), in the fault modes where it is not 0."""
+        """Mix with the completed part by completion_j(f), in the modes where it is not 0."""
         model, part = self.model, self.completed[slot].transpose(0, 2, 1)
         levels, after = (3, self.after[slot]) if self.varies(slot) else (1, part.shape[1])
-        able, width = hull(model.completion > 0), model.columns // 8
+        completion, width = model.completion[slot], model.columns // 8
+        able = hull(completion > 0)
         inside = slice(able.start * width, able.stop * width)
         values = self._completing(slot).reshape(2, -1, levels, after, model.columns)[..., inside]
         towards = part.reshape(2, -1, 1, after, model.columns)[..., inside]
-        probability = np.repeat(model.completion[able], width)
+        probability = np.repeat(completion[able], width)
         return drift(values, towards, probability, np.empty_like(values))

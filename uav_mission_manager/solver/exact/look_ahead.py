@@ -120,7 +120,7 @@ class _Successors:
         if arrival < ground + len(ON_GROUND):
             return self._grounded(arrival - ground)
         slot, mode = divmod(arrival - ground - len(ON_GROUND), 2)
-        cell, completion = model.goal_cells[slot], float(model.completion[self.fault])
+        cell, completion = model.goal_cells[slot], float(model.completion[slot, self.fault])
         open_ = self._flown(mode, cell, None)
         return open_ + completion * (self._flown(mode, cell, slot) - open_)
 

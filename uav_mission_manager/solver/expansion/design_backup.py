@@ -111,7 +111,7 @@ class _Block:
         # A repair moves the goals as staying on the ground does.
         self.expected[int(Regime.REPAIRED)] = self.expected[Regime.PARKED]
         self.price = reduced.price[..., None, None].astype(dtype)
-        self.completion = reduced.completion[:, None].astype(dtype)
+        self.completion = reduced.completion[..., None].astype(dtype)
         self.members = [positions for positions, _ in basis.of_goals]
         self.arrivals: list[dict[RegimeAndCell, RealArray]] = []
         self.completions: list[list[_Completion]] = []
@@ -151,7 +151,7 @@ class _Block:
         """What the chance to complete a goal adds to the discounted E[V'], (T, Z, n)."""
         part = coefficients.take(self.members[completion.goal], axis=-1)
         gained = part.reshape(-1, part.shape[-1]) @ completion.gains
-        return self.completion * gained.reshape(*part.shape[:2], -1)
+        return self.completion[completion.goal] * gained.reshape(*part.shape[:2], -1)
 
     def _arrivals(self, cell: int, costs: RealArray) -> dict[RegimeAndCell, RealArray]:
         """Least cost (Z, m) of the actions of each arrival from a cell, nothing completed."""

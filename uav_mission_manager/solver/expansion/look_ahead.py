@@ -107,7 +107,7 @@ class ExpansionLookAhead:
 
     def _expected(self, cell: int, t: int, z: int, x: IntArray) -> FloatArray:
         """Discounted E[W(s')] of each action from one cell, t and z: (A, N)."""
-        departure, completion = self._departures[cell], float(self.reduced.completion[z])
+        departure, completion = self._departures[cell], self.reduced.completion[:, z]
         out = np.empty((len(self._actions), len(x)))
         features = self.basis.features(departure.functions, x)
         for (regime, goal), actions, (cells, back), feature in zip(
@@ -117,7 +117,7 @@ class ExpansionLookAhead:
             expected = (self.tables[regime][t, z].take(cells, axis=0) @ feature)[back]
             if goal is not None:
                 before = out[actions]
-                expected = before + completion * (expected - before)
+                expected = before + float(completion[goal]) * (expected - before)
             out[actions] = expected
         return out
 

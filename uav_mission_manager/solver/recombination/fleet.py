@@ -31,6 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from uav_mission_manager.mdp.actions import ActionKind
 from uav_mission_manager.mdp.arrays import BoolArray, FloatArray, IndexArray, IntArray
+from uav_mission_manager.mdp.dynamics import completion_probabilities
 from uav_mission_manager.mdp.feasibility import allowed_actions
 from uav_mission_manager.mdp.mission import Goal, Mission
 from uav_mission_manager.mdp.routes import distances
@@ -269,14 +270,19 @@ def _essence(sub: SubMdp) -> SubMdp:
     """Return the sub-MDP with all blanked that does not enter it; equal ones solve alike."""
     mission = sub.mission
     flown_to = {action.goal for action in sub.actions}
+    completion = completion_probabilities(mission).tolist()
     goals = tuple(
-        replace(goal, name='')
+        replace(goal, name='', task=None, completion=tuple(row))
         if j in sub.goals
         else Goal('', goal.cell if j in flown_to else 0, 0.0, 0.0, ())
-        for j, goal in enumerate(mission.goals)
+        for j, (goal, row) in enumerate(zip(mission.goals, completion))
     )
-    grid = replace(mission.grid, cell_size=0.0, origin=None, elevation=(), bearing=0.0)
-    return replace(sub, mission=replace(mission, name='', grid=grid, goals=goals, energy=None))
+    grid = replace(mission.grid, origin=None, elevation=(), bearing=0.0)
+    faults = replace(mission.faults, completion=())
+    essence = replace(mission, name='', grid=grid, goals=goals, faults=faults)
+    if mission.range.charge is None:  # By which it is told what is in range.
+        essence = replace(essence, grid=replace(grid, cell_size=0.0), energy=None)
+    return replace(sub, mission=essence)
 
 
 def _solve(sub: SubMdp) -> LocalPolicy:

@@ -10,7 +10,7 @@ paper names the four without a formula. Here each is a number in [0, 1]:
 - reward = eta_j g_j r_j / (2 max_i eta_i): what commitment to the goal saves an epoch, of the
   most that any goal's can.
 - urgency = g_j / 2: how much the base station wants it, whatever its weight and range.
-- risk = 1 - completion(f) P(no part fails) P(t is never high): the probability that a flight
+- risk = 1 - completion_j(f) P(no part fails) P(t is never high): the probability that a flight
   straight to the goal in normal mode, from the cell and in the threat at hand, meets a new
   failure or a high threat, or does not complete the goal in its first epoch on site.
 - resources: the distance to the goal and from there to the service cell, of the longest such
@@ -82,13 +82,13 @@ class PriorityScore:
         self._epochs = np.stack([epochs_of_flight(grid, cell) for cell in cells], axis=1)
         self._calm = np.stack([calm_flight(mission, cell) for cell in cells], axis=1)
         self._no_failure = fault_matrices(mission)[Regime.NORMAL_FLIGHT].diagonal()
-        self._completion = completion_probabilities(mission)
+        self._completion = completion_probabilities(mission).T
 
     def terms(self, states: IntArray) -> FloatArray:
         """Reward, urgency, risk and resources of each goal in states (N, 2k+5), (N, k, 4)."""
         s = self._space.split(states)
         f, r = s.f[:, None] - 1, self._flags(s)
-        achieved = self._completion[f] * self._calm[s.l, :, s.t]
+        achieved = self._completion[s.f - 1] * self._calm[s.l, :, s.t]
         achieved *= self._no_failure[f] ** self._epochs[s.l]
         reward = self._reward[np.arange(self.mission.k), s.g, r]
         resources = np.where(r == 1, self._resources[s.l], 1.0)
