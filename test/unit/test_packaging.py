@@ -60,6 +60,7 @@ def test_output_that_nobody_reads_any_more_ends_each_command_without_a_word(modu
         done = subprocess.run(
             [sys.executable, '-m', f'{PACKAGE}.{module}', '--help'],
             cwd=ROOT,
+            env=os.environ | {'PYTHONUNBUFFERED': ''},
             stdout=writer,
             stderr=subprocess.PIPE,
             timeout=120,

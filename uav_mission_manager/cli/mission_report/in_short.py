@@ -11,9 +11,13 @@ from uav_mission_manager.cli.mission_report.account import Account
 from uav_mission_manager.cli.mission_report.flight_record import FlightRecord
 from uav_mission_manager.cli.mission_report.goals_done import Expectation, WantedGoal
 from uav_mission_manager.cli.mission_report.page import clock
-from uav_mission_manager.cli.mission_report.story import Names, StoryRow
+from uav_mission_manager.cli.mission_report.story import CHARGE_JUMP, Names, StoryRow
 from uav_mission_manager.console.map_overlay import PRIORITY_WORDS
 from uav_mission_manager.echo import shown
+
+
+JUST_BEFORE = 10.0
+"""Time [s] within which a jump of the charge is told with what followed: a choice."""
 
 
 def in_short(
@@ -58,20 +62,25 @@ def _times(count: int) -> str:
 
 def _turns(record: FlightRecord, commands: Sequence[StoryRow]) -> Iterator[str]:
     """Say where it broke off, or flew agile, and why."""
-    turns = [
-        f'{clock(row.at)} ({row.reason}; charge {_percent(record.charge_at(row.at))})'
-        for row in commands
-        if row.text == 'RECHARGE'
-    ]
-    if turns:
-        yield f'To recharge: {"; ".join(turns)}.'
-    turns = [f'{clock(row.at)} ({row.reason})' for row in commands if row.text == 'GO FOR REPAIR']
-    if turns:
-        yield f'For repair: {"; ".join(turns)}.'
-    evading = [row for row in commands if 'EVAD' in row.text]
-    if evading:
-        turns = [f'{clock(row.at)} ({row.reason})' for row in evading]
-        yield f'Agile, for a threat: {"; ".join(turns)}.'
+    for what, word in (
+        ('It turned back to recharge', 'RECHARGE'),
+        ('It turned back for repair', 'GO FOR REPAIR'),
+        ('It flew agile', 'EVAD'),
+    ):
+        for row in commands:
+            if word in row.text:
+                charge = f'; {_charge(record, row.at)}' if word == 'RECHARGE' else ''
+                yield (
+                    f'{what} at {clock(row.at)}: {row.reason}{charge}. Second best: {row.second}.'
+                )
+
+
+def _charge(record: FlightRecord, at: float) -> str:
+    """Say the charge at a time, and where it had jumped just before."""
+    now, before = record.charge_at(at), record.charge_at(at - JUST_BEFORE)
+    jumped = abs(now - before) >= CHARGE_JUMP
+    text = f'charge {_percent(now)}'
+    return f'{text}, which was {_percent(before)} a moment before' if jumped else text
 
 
 def _percent(charge: float) -> str:
