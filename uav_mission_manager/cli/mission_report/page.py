@@ -42,7 +42,8 @@ svg{width:100%;height:auto}svg.map{max-height:70vh}
 .legend svg{width:1.6rem;height:1.1rem;vertical-align:-.2rem;margin-right:.4rem;font-size:8px}
 .bar{display:grid;grid-template-columns:minmax(0,14rem) minmax(3rem,1fr) 5rem;gap:.5rem;
 align-items:center}.bar .track{height:.8rem;background:#eceae4}.bar .fill{display:block;
-height:100%;background:var(--craft)}.bar .amount{text-align:right}
+height:100%;background:var(--craft)}.bar .amount{text-align:right}.bar.choice{font-weight:700}
+.bars h2{font-size:.9rem;border:0;margin:.6rem 0 .1rem;padding:0}
 *{-webkit-print-color-adjust:exact;print-color-adjust:exact}
 @page{size:A4;margin:14mm 12mm}
 @media print{body{font-size:9.5pt;margin:0;max-width:none;padding:0}
