@@ -15,7 +15,7 @@ from test_mission_report import Page, report
 
 from uav_mission_manager import build_policy, load_policy
 from uav_mission_manager.cli import mission_check, mission_simulate
-from uav_mission_manager.cli.mission_report import policy_page
+from uav_mission_manager.cli.mission_report import beside_optimum, policy_page
 from uav_mission_manager.cli.mission_report.policy_maps import MapRow, maps_table
 from uav_mission_manager.mdp import FAULT_MODES, action_name, mission_from_dict
 
@@ -173,6 +173,18 @@ def test_agreement_with_the_optimal_policy_is_counted(tmp_path: Path) -> None:
         assert row[3:] == [f'{same / len(states):.1%}', f'{near:.1%}']
     assert rows[1][1] == f'{len(states):,}'
     assert len(text) < 5_000_000
+
+
+def test_of_very_many_states_some_are_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(beside_optimum, 'MOST_COMPARED', 1000)
+    mission = mission_from_dict(case_study(), 'test')
+    exact, other = (build_policy(mission, method) for method in ('exact', 'best_value'))
+    page = Page(''.join(beside_optimum.beside_optimum(other, exact)))
+    found = float(page.table('policy', 'same action')[0][3].rstrip('%'))
+    states = exact.space.states()
+    assert found == pytest.approx(100 * (exact.act(states) == other.act(states)).mean(), abs=2.0)
+    assert f'Of 10,000 states, drawn evenly from {len(states):,}.' in ''.join(page.words)
+    assert 'as good' not in ''.join(page.words)
 
 
 def test_sub_mdps_and_the_likeliest_next_states_are_shown(tmp_path: Path) -> None:
