@@ -20,8 +20,6 @@ from parts.agreement import (
     SAMPLE,
     Chain,
     Optimum,
-    local_choices,
-    local_values,
 )
 from parts.missions import case_study
 from parts.pictures import BLUE, GREEN, ORANGE, PURPLE, SKY, drawing, save
@@ -198,8 +196,8 @@ def _sample_values(folder: Path, optimum: Optimum) -> str:
     """Draw value and action of each sub-MDP in the sample state."""
     state = np.array([SAMPLE])
     policy = build_policy(optimum.mission, 'best_value')
-    values = [-float(q.min()) for q in local_values(policy, state)]
-    chosen = local_choices(policy, state)[0].tolist()
+    values = [-float(q.min()) for q in policy.local_values(state)]
+    chosen = policy.local_choices(state)[0].tolist()
     actions = [global_to_local(number, j, optimum.mission.k) for j, number in enumerate(chosen)]
     goals, followed = np.arange(1, len(values) + 1), int(np.argmax(values)) + 1
     figure, (left, right) = drawing('sub_mdps').subplots(

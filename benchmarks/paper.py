@@ -22,8 +22,6 @@ from parts.agreement import (
     Optimum,
     compare,
     groups,
-    local_choices,
-    local_values,
 )
 from parts.missions import case_study
 from parts.pictures import drawing, save
@@ -155,7 +153,7 @@ def _together(found: Found) -> str:
     for rule, (optimum, agreements) in found.items():
         for name, what in SUB_MDPS.items():
             policy = agreements[name].policy
-            choices = local_choices(policy, optimum.states)
+            choices = policy.local_choices(optimum.states)
             one = (choices == choices[:, :1]).all(axis=1)
             right = choices[one, 0] == optimum.actions[one]
             ratio = policy.part_values(optimum.states).sum(axis=1) / optimum.values
@@ -194,9 +192,9 @@ def _local(found: Found, state: IntArray, rule: str) -> tuple[list[FloatArray], 
     """Q values of each goal's sub-MDP, and the local number of its choice."""
     optimum, agreements = found[rule]
     policy, k = agreements['best_value'].policy, optimum.mission.k
-    chosen = local_choices(policy, state)[0].tolist()
+    chosen = policy.local_choices(state)[0].tolist()
     numbers = [global_to_local(number, j, k) for j, number in enumerate(chosen)]
-    return [values[0] for values in local_values(policy, state)], numbers
+    return [values[0] for values in policy.local_values(state)], numbers
 
 
 def _sub_mdps(found: Found, state: IntArray) -> str:

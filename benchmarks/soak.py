@@ -16,6 +16,7 @@ import sys
 import tempfile
 import time
 import traceback
+import uuid
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,6 +34,7 @@ from parts.soak.leaks import Leaks, Sample
 from parts.soak.work import with_work
 
 from uav_mission_manager import build_policy
+from uav_mission_manager.cli.recording_options import add_recording_options, place_of_bags
 from uav_mission_manager.policy import Policy
 from uav_mission_manager.policy.workers import workers
 
@@ -66,23 +68,23 @@ def main() -> int:
     parser.add_argument(
         '--without', nargs='*', default=(), metavar='NAME', help='what shall not happen'
     )
-    parser.add_argument(
-        '--record',
-        type=Path,
-        metavar='DIR',
-        help='where to record what the manager decides on, a bag a seed, and to save its policies',
+    add_recording_options(
+        parser,
+        'directory for what the manager decides on, a bag a seed, and its policy sets; default: '
+        'a new one, uav-soak-.. in TMPDIR',
     )
     parser.add_argument('--jobs', type=int, default=2, help='processes; default: %(default)s')
     options = parser.parse_args()
-    if options.record:
+    bags = place_of_bags(options, Path(tempfile.gettempdir()) / f'uav-soak-{uuid.uuid4().hex[:8]}')
+    if bags is not None:
         for name, policy in zip(('policy', 'other_policy'), both_policies()):
-            policy.save(options.record / name)
-    tasks = [
-        partial(soak, seed, options.hours, options.without, options.record)
-        for seed in options.seed
-    ]
+            policy.save(bags / name)
+    tasks = [partial(soak, seed, options.hours, options.without, bags) for seed in options.seed]
     with workers(min(options.jobs, len(tasks))) as pool:
         results = list(pool.run(tasks))
+    if bags is not None:
+        size = sum(file.stat().st_size for file in bags.rglob('*') if file.is_file())
+        print(f'bags: {bags}, {size / 1e6:.1f} MB; see mission_replay BAG --policy {bags}/policy')
     file = pages.folder(options) / 'soak.md'
     pages.publish(file, 'The chain for hours, with everything going wrong', _page(results))
     return int(any(result.failure for result in results))

@@ -39,6 +39,18 @@ def quoted(value: object, limit: int = LONGEST_ECHO) -> str:
     return _text(value, limit, quotes=True)
 
 
+def said_by(error: BaseException) -> str:
+    """Return what an error says; one of the system as `PATH: why`, without its number."""
+    why = getattr(error, 'strerror', None)
+    path = getattr(error, 'filename', None)
+    return f'{path}: {why}' if why and path else why or str(error)
+
+
+def why_not(error: BaseException) -> str:
+    """Return the reason in an error, for a line that has its path already."""
+    return shown(getattr(error, 'strerror', None) or error)
+
+
 def _text(value: Any, limit: int, quotes: bool) -> str:
     kept, length = [], 0
     try:

@@ -11,9 +11,8 @@ from parts.epoch import Epoch
 from uav_mission_manager import build_policy
 from uav_mission_manager.mdp import Mission, StateSpace, stage_costs
 from uav_mission_manager.mdp.arrays import BoolArray, FloatArray, IntArray
-from uav_mission_manager.policy import Policy, RecombinedPolicy
+from uav_mission_manager.policy import Policy
 from uav_mission_manager.solver.evaluation.occupancy import flown_states
-from uav_mission_manager.solver.exact import AxisModel, LookAhead
 from uav_mission_manager.solver.greedy import choose
 from uav_mission_manager.solver.span_bounds import SpanBounds
 from uav_mission_manager.solver.threads import single_threaded_blas
@@ -106,23 +105,6 @@ def groups(space: StateSpace, states: IntArray) -> dict[str, dict[int, BoolArray
         name: {value: column == value for value in np.unique(column).tolist()}
         for name, column in variables.items()
     }
-
-
-def local_values(policy: RecombinedPolicy, states: IntArray) -> list[FloatArray]:
-    """Q of each sub-MDP's own actions in global states (N, 2k+5), each (N, its actions)."""
-    return [
-        LookAhead(AxisModel(solution.sub), solution.value).q_values(states)
-        for solution in policy.solutions
-    ]
-
-
-def local_choices(policy: RecombinedPolicy, states: IntArray) -> IntArray:
-    """Global number of the action each sub-MDP would take, shape (N, sub-MDPs)."""
-    columns = [
-        np.array(solution.sub.numbers)[choose(values) - 1]
-        for solution, values in zip(policy.solutions, local_values(policy, states))
-    ]
-    return np.stack(columns, axis=1)
 
 
 class Chain:

@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import itertools
+import math
 import signal
+from dataclasses import replace
 
 import pytest
 from console_crew import POLICY, START, PlayedVehicle, Screen, browser, start_console
 from ros_helpers import ROOT
 from std_msgs.msg import String
 
+from uav_mission_manager import build_policy
 from uav_mission_manager.mdp import action_name
 from uav_mission_manager.nodes import qos
+from uav_mission_manager.onboard.heard_input import HeardInput
+from uav_mission_manager.onboard.mission_manager import ManagerSettings, MissionManager
+from uav_mission_manager.onboard.trace import TraceWriter
+
+SERVED = '--serve', '--port', '0'
 
 
 @pytest.fixture
@@ -204,6 +212,27 @@ def test_the_page_goes_on_after_a_restart_and_a_reload(ros, chromium):
     screen.until('.fact:has-text("battery")', '55%')
 
 
+def traced_decision():
+    """An entry of a trace: what is heard of a vehicle in `START`, and that it was decided."""
+    core = MissionManager(POLICY, ManagerSettings())
+    trace = TraceWriter(core, 0.0)
+    battery = dict.fromkeys(('voltage', 'current', 'capacity'), math.nan)
+    for topic, values in (
+        ('battery_state', {'percentage': 0.8, 'healthy': True, 'battery': 'id0', **battery}),
+        ('odom', {'east': 0.0, 'north': 0.0}),
+        ('fault_mode', {'name': 'nominal'}),
+        ('threat_level', {'name': 'none'}),
+        ('goal_priorities', {'values': START[4:7], 'request': 'a'}),
+    ):
+        heard = HeardInput(topic, 0.0, values)
+        core.take(heard)
+        trace.hear(heard)
+    outcome = core.step(0.0)
+    assert outcome.state == START
+    trace.step(0.0, outcome)
+    return trace.entry()
+
+
 @pytest.fixture
 def bag(ros, tmp_path):
     """A recording in which the charge falls from 80 % to 31 %."""
@@ -213,7 +242,7 @@ def bag(ros, tmp_path):
     )
     vehicle, folder = PlayedVehicle(ros), tmp_path / 'bag'
     trace = ros.node.create_publisher(String, '/uav1/manager/trace', qos.LATCHED)
-    trace.publish(String(data='not read here'))
+    trace.publish(String(data=traced_decision()))
     bag = f'bag:={folder}'
     recorder = ros.start('nodes.mission_record', '--ros-args', '-r', '__ns:=/uav1', '-p', bag)
 
@@ -237,23 +266,26 @@ def bag(ros, tmp_path):
     return folder
 
 
-def test_a_recorded_flight_is_played(ros, chromium, bag):
-    policy = '--policy', str(ROOT / 'policies' / 'case_study')
-    command = ros.start('cli.mission_replay', str(bag), *policy, '--serve', '--port', '0')
-    ros.until(lambda: command.lines('page: http'), 'the address of the page')
-    screen = Screen(ros, chromium.new_page(), command.lines('page: http')[0].split()[1])
+def go_to(ros, screen, share):
+    """Click on the scrubber."""
     slider = screen.page.locator('.playback .q-slider')
     ros.until(slider.count, 'a scrubber')
     box = slider.bounding_box()
+    screen.page.mouse.click(box['x'] + share * box['width'], box['y'] + box['height'] / 2)
 
-    def go_to(share):
-        screen.page.mouse.click(box['x'] + share * box['width'], box['y'] + box['height'] / 2)
 
-    go_to(0.999)
+def test_a_recorded_flight_is_played(ros, chromium, bag):
+    policy = '--policy', str(ROOT / 'policies' / 'case_study')
+    command = ros.start('cli.mission_replay', str(bag), *policy, *SERVED)
+    ros.until(lambda: command.lines('page: http'), 'the address of the page')
+    screen = Screen(ros, chromium.new_page(), command.lines('page: http')[0].split()[1])
+    go_to(ros, screen, 0.999)
     screen.until('.fact:has-text("battery")', '31%')
     screen.until('.now .headline', 'GO TO goal')
     screen.until('.area-map', '20 m')
-    go_to(0.4)
+    screen.until('.other .headline', 'the same')
+    assert screen.page.locator('.differences rect').count() == 0
+    go_to(ros, screen, 0.4)
     screen.until('.fact:has-text("battery")', '80%')
     screen.press('Play or pause')
     screen.until('.fact:has-text("battery")', '31%')
@@ -263,6 +295,32 @@ def test_a_recorded_flight_is_played(ros, chromium, bag):
     assert screen.elsewhere == set()
     assert command.stop(signal.SIGINT) == 130
     assert 'Traceback' not in command.output
+
+
+def test_another_policy_s_decisions_are_shown_beside_those_flown(ros, chromium, bag, tmp_path):
+    mission = replace(POLICY.mission, distance_weight=1000.0)
+    other = build_policy(mission)
+    other.save(tmp_path / 'other')
+    assert other.decide(START).action.goal is None
+    command = ros.start(
+        'cli.mission_replay', str(bag), '--policy', str(tmp_path / 'other'), *SERVED
+    )
+    ros.until(lambda: command.lines('page: http'), 'the address of the page')
+    screen = Screen(ros, chromium.new_page(), command.lines('page: http')[0].split()[1])
+    ros.until(screen.page.locator('.differences rect').count, 'a mark on the scrubber')
+    go_to(ros, screen, 0.999)
+    screen.until('.now .headline', 'GO TO goal')
+    screen.until('.other.differs .headline', 'TO BASE')
+    screen.until('.other .reason', other.decide(START).reason)
+    screen.until('.other h2', 'by other (exact)')
+    screen.until('.other .note', 'by its values, what was flown costs')
+    screen.until('.timeline-names', 'other policy')
+    assert screen.page.locator('.timeline .d-1').count() == 1
+    screen.until('.area-map', 'goal2')
+    screen.press('Next difference')  # There is one, at the beginning.
+    screen.until('.playback .time', '0:00 of')
+    assert screen.troubles == []
+    assert command.stop(signal.SIGINT) == 130
 
 
 def test_without_the_token_there_is_no_page(ros, chromium):

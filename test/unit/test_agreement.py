@@ -104,9 +104,9 @@ def test_loss_is_that_of_the_solver_s_evaluation(agreement, optimum):
 
 def test_best_value_takes_the_local_choice_of_least_cost(agreement, optimum):
     found = agreement.compare(optimum, 'best_value')
-    tables = agreement.local_values(found.policy, optimum.states)
+    tables = found.policy.local_values(optimum.states)
     least = np.argmin([table.min(axis=1) for table in tables], axis=0)
-    choices = agreement.local_choices(found.policy, optimum.states)
+    choices = found.policy.local_choices(optimum.states)
     taken = choices[np.arange(len(least)), least]
     allowed = np.isfinite(optimum.q[np.arange(len(least)), taken - 1])
     assert allowed.mean() > 0.5

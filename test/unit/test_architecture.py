@@ -43,7 +43,7 @@ ROOMS = {
     'evaluation': {'ground floor', 'exact', 'recombination'},
 }
 ROS = {'rclpy', 'ament_index_python', 'builtin_interfaces', 'rcl_interfaces', 'std_srvs'}
-COMMON_GROUND = {'paths', 'geodesy', 'goal_task', 'echo', 'likeness', 'arguments'}
+COMMON_GROUND = {'paths', 'geodesy', 'goal_task', 'echo', 'likeness', 'arguments', 'output'}
 """Modules that import none of the layers and serve all; the earth, and what is done at a
 goal, is the autopilot's too."""
 MODULES = sorted((ROOT / PACKAGE).glob('*/**/*.py'))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -198,7 +200,7 @@ def test_output_without_room(arguments):
     with open('/dev/full', 'w') as full:
         process = start('policy_query', *arguments, stdout=full)
         _, errors = process.communicate(timeout=LIMIT)
-    assert errors == 'policy_query: [Errno 28] No space left on device\n'
+    assert errors == 'policy_query: No space left on device\n'
     assert process.returncode == 1
 
 
@@ -223,6 +225,53 @@ def test_a_terminal_that_lacks_characters(tmp_path):
     assert 'policy of mission S\\xe3o, method exact' in out
 
 
+BAG = 'test/bags/case_study'
+PATHS = [
+    ('policy_build', 'NOWHERE --out p'),
+    ('policy_query', f'NOWHERE {STATE}'),
+    ('mission_check', 'NOWHERE'),
+    ('mission_new', 'NOWHERE --out m.yaml'),
+    ('mission_simulate', 'NOWHERE'),
+    ('mission_simulate', 'SHIPPED --episodes 10 --compare NOWHERE'),
+    ('mission_replay', 'NOWHERE --policy SHIPPED'),
+    ('mission_replay', 'BAG --policy NOWHERE'),
+    ('mission_replay', 'BAG --policy NOWHERE --serve --port 0'),
+    ('mission_report', 'NOWHERE --out r.html'),
+    ('mission_report', 'BAG --policy NOWHERE --out r.html'),
+    ('mission_report', 'SHIPPED --out NOWHERE/r.html'),
+    ('mission_check', 'MISSION --map NOWHERE/m.html'),
+    ('mission_check', 'MISSION --geojson NOWHERE/m.json'),
+    ('mission_new', 'PLAN --out NOWHERE/m.yaml'),
+    ('mission_simulate', 'SHIPPED --episodes 10 --plot NOWHERE/f.svg'),
+]
+
+
+@pytest.mark.parametrize(('command', 'words'), PATHS)
+def test_a_path_that_is_not_there_is_told_once_and_plainly(
+    command, words, tmp_path, monkeypatch, capsys
+):
+    root = share_directory()
+    places = {
+        'BAG': root / BAG,
+        'SHIPPED': SHIPPED,
+        'MISSION': CASE_STUDY,
+        'PLAN': root / 'config' / 'plans' / 'field.plan',
+    }
+    monkeypatch.chdir(tmp_path)
+    arguments = [str(places.get(w, w)) for w in words.replace('NOWHERE', 'not/there').split()]
+    module = importlib.import_module(f'uav_mission_manager.cli.{command}')
+    with pytest.raises(SystemExit) as ended:
+        module.main(arguments)
+    line = ended.value.code
+    assert capsys.readouterr() == ('', '')
+    assert line.startswith(f'{command}: ')
+    assert line.count('not/there') == 1
+    assert line.isprintable()
+    assert 'Errno' not in line
+    assert re.search('there is no|No such file or directory', line)
+    assert not list(tmp_path.iterdir())
+
+
 COMMANDS = [
     (policy_build, [str(CASE_STUDY), '--out', '/nowhere'], '_build'),
     (policy_query, [str(SHIPPED), STATE], '_answer'),
@@ -235,10 +284,10 @@ COMMANDS = [
     [
         (MemoryError(), 'not enough memory. '),
         (MemoryError('60 GiB'), 'not enough memory. 60 GiB'),
-        (OSError(28, 'No space left on device', '/tmp/x'), r"\[Errno 28\] No .* device: '/tmp/x'"),
-        (PermissionError(13, 'Permission denied'), '.*Permission denied'),
-        (IsADirectoryError(21, 'Is a directory'), '.*Is a directory'),
-        (ValueError('two\nlines' + 'x' * 10_000), r'two\\nlinesx+ \.\.\.'),
+        (OSError(28, 'No space left on device', '/tmp/x'), r'/tmp/x: No space left on device'),
+        (PermissionError(13, 'Permission denied'), 'Permission denied'),
+        (IsADirectoryError(21, 'Is a directory'), 'Is a directory'),
+        (ValueError('two\nlines' + 'x' * 10_000), r'two\\nlinesx+ \.\.\. \(10,009 characters\)'),
     ],
     ids=lambda value: str(value)[:20],
 )

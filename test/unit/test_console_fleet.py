@@ -54,7 +54,7 @@ def test_a_vehicle_flies_the_mission_of_the_set_that_its_manager_names(policy):
     assert fleet.policy('/c') is None
 
 
-def test_a_set_that_is_written_anew_is_found(tmp_path, policy, monkeypatch):
+def test_a_set_that_is_written_anew_is_found(tmp_path, policy):
     shutil.copytree(SETS / 'case_one', tmp_path / 'set')
     now, shelf = 100.0, PolicyShelf([str(tmp_path / 'set')])
     assert shelf.find(policy.digest, now) is None

@@ -7,13 +7,14 @@ from pathlib import Path
 import pytest
 
 from uav_mission_manager.cli.demo import runner
+from uav_mission_manager.cli.recording_options import place_of_bags
 from uav_mission_manager.onboard import recording
 
 LOGS = Path('/logs')
 
 
 def place(*arguments: str) -> Path | None:
-    return runner._place_of_bags(runner._parser().parse_args(arguments), LOGS)
+    return place_of_bags(runner._parser().parse_args(arguments), LOGS / 'bags')
 
 
 def test_it_records_by_default_where_it_is_told_or_not_at_all(

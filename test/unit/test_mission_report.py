@@ -176,20 +176,20 @@ def test_the_story_is_in_order_and_has_what_was_heard(page: Page) -> None:
 
 def test_why_it_turned_back_is_in_the_first_lines(page: Page) -> None:
     words = ''.join(page.words)
-    for command, sentence in (('recharge', 'To recharge'), ('repair', 'For repair')):
+    for command, how in (('recharge', 'to recharge'), ('repair', 'for repair')):
         [(at, reason)] = [
             (at, reason)
             for (_, before, _), (at, values, reason) in pairwise(decisions())
             if values['command'] == command != before['command']
         ]
-        assert f'{sentence}: {clock(at)} ({reason.split("; expected")[0]}' in words
-    assert 'charge 20%)' in words
+        assert f'{clock(at)} It went {how}: {reason.split("; expected")[0]}' in words
+    assert 'charge 20%, which was 85% a moment before. Second best: RETURN TO BASE, ' in words
     assert 'The manager was in command all the time.' in words
 
 
 def test_goals_are_done_when_they_were_completed(page: Page) -> None:
     completed = [(message.data, clock(at)) for at, message in said('goal_completed')]
-    rows = page.table('goal', 'asked at', 'over at')
+    rows = page.table('goal', 'wanted from', 'over at')
     assert sorted((row[0], row[3]) for row in rows) == sorted(completed)
     assert {row[4] for row in rows} == {'done'}
     assert [row[6] for row in rows if row[0] == 'goal1'] == ['0:30', '0:30']

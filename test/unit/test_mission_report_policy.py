@@ -15,8 +15,9 @@ from test_mission_report import Page, report
 
 from uav_mission_manager import build_policy, load_policy
 from uav_mission_manager.cli import mission_check, mission_simulate
+from uav_mission_manager.cli.mission_report import beside_optimum, policy_page
 from uav_mission_manager.cli.mission_report.policy_maps import MapRow, maps_table
-from uav_mission_manager.mdp import FAULT_MODES, mission_from_dict
+from uav_mission_manager.mdp import FAULT_MODES, action_name, mission_from_dict
 
 ROOT = Path(__file__).parents[2]
 CASE_STUDY = str(ROOT / 'policies' / 'case_study')
@@ -149,3 +150,66 @@ def test_a_policy_with_a_charge_is_drawn_full_and_empty() -> None:
     assert full != empty
     assert 'commit goal' in full
     assert 'commit goal' not in empty
+
+
+def test_agreement_with_the_optimal_policy_is_counted(tmp_path: Path) -> None:
+    mission = mission_from_dict(case_study(), 'test')
+    policies = {
+        method: build_policy(mission, method)
+        for method in ('best_value', 'exact', 'split', 'highest_priority')
+    }
+    policies['best_value'].save(tmp_path / 'policy')
+    text = report(tmp_path / 'r.html', tmp_path / 'policy')
+    rows = Page(text).table('policy', 'same action')
+    states = policies['exact'].space.states()
+    best = policies['exact'].q_values(states)
+    for row, policy in zip(rows, policies.values(), strict=True):
+        assert row[0].startswith(policy.method)
+        chosen = policy.act(states) - 1
+        same = int((chosen == best.argmin(axis=1)).sum())
+        assert row[1:3] == [f'{same:,}', f'{len(states) - same:,}']
+        cost = best[np.arange(len(states)), chosen]
+        near = (cost <= 1.001 * best.min(axis=1)).mean()
+        assert row[3:] == [f'{same / len(states):.1%}', f'{near:.1%}']
+    assert rows[1][1] == f'{len(states):,}'
+    assert len(text) < 5_000_000
+
+
+def test_of_very_many_states_some_are_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(beside_optimum, 'MOST_COMPARED', 1000)
+    mission = mission_from_dict(case_study(), 'test')
+    exact, other = (build_policy(mission, method) for method in ('exact', 'best_value'))
+    page = Page(''.join(beside_optimum.beside_optimum(other, exact)))
+    found = float(page.table('policy', 'same action')[0][3].rstrip('%'))
+    states = exact.space.states()
+    assert found == pytest.approx(100 * (exact.act(states) == other.act(states)).mean(), abs=2.0)
+    assert f'Of 10,000 states, drawn evenly from {len(states):,}.' in ''.join(page.words)
+    assert 'as good' not in ''.join(page.words)
+
+
+def test_sub_mdps_and_the_likeliest_next_states_are_shown(tmp_path: Path) -> None:
+    policy = build_policy(mission_from_dict(case_study(), 'test'), 'best_value')
+    policy.save(tmp_path / 'policy')
+    page = Page(report(tmp_path / 'r.html', tmp_path / 'policy'))
+    words = ''.join(page.words)
+    start = [1, 1, 1, 1, 2, 2, 2, 0, 0, 0, 0]
+    for value in policy.part_values([start])[0]:
+        assert f'{value:.4g}' in words
+    names = ['f', 'r1', 'r2', 'r3', 'g1', 'g2', 'g3', 'l', 'c', 't', 'm']
+    for level in (0, 2):
+        state = [*start[:-2], level, 0]
+        rows = [table[1:] for table in page.tables if table[0][1:-1] == ['does', *names]][
+            level // 2
+        ]
+        assert list(map(int, rows[0][2:-1])) == state
+        action = policy.decide(state).action
+        assert rows[1][1] == action_name(policy.mission, action)
+        assert int(rows[1][-2]) == int(action.agile)
+        assert int(rows[1][names.index('c') + 2]) == action.commitment
+
+
+def test_a_mission_too_large_to_solve_is_not_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(policy_page, 'MOST_SOLVE_SECONDS', 0.0)
+    words = ''.join(Page(policy_page.policy_page(load_policy(CASE_STUDY), 'here')).words)
+    assert words.count('Left out: the exact solution would take about') == 2
+    assert 'built anew' not in words

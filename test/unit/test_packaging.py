@@ -52,6 +52,24 @@ def commands() -> dict[str, str]:
     )
 
 
+@pytest.mark.parametrize('module', commands().values())
+def test_output_that_nobody_reads_any_more_ends_each_command_without_a_word(module):
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        done = subprocess.run(
+            [sys.executable, '-m', f'{PACKAGE}.{module}', '--help'],
+            cwd=ROOT,
+            env=os.environ | {'PYTHONUNBUFFERED': ''},
+            stdout=writer,
+            stderr=subprocess.PIPE,
+            timeout=120,
+        )
+    finally:
+        os.close(writer)
+    assert (done.returncode, done.stderr) == (1, b'')
+
+
 def imported_packages(path: Path) -> set[str]:
     """Return the top-level packages that the module at `path` imports."""
     names = []

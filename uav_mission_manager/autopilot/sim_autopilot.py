@@ -22,6 +22,7 @@ from uav_mission_manager.autopilot.simulator.frames import MOTOR_FRAMES
 from uav_mission_manager.autopilot.simulator.link import SimulatedLink
 from uav_mission_manager.autopilot.simulator.physics import SimulatedOrigin
 from uav_mission_manager.autopilot.simulator.protocol import SimulatedAutopilot
+from uav_mission_manager.output import flushed
 
 DEFAULT_CONNECTION = 'udpout:127.0.0.1:14550'
 """Where ground stations and the bridge listen by default."""
@@ -46,7 +47,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run until SIGINT or SIGTERM; return the exit code."""
     parser = _parser()
     complete(parser)
-    options = parser.parse_args(arguments)
+    with flushed():
+        options = parser.parse_args(arguments)
     names = options.connection or [DEFAULT_CONNECTION]
     try:
         ports = [mavutil.mavlink_connection(name) for name in names]
@@ -58,10 +60,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     flight = SimulatedFlight(options.origin, options.boot_seconds, options.seed, frame)
     flight.parameters['SIM_SPEEDUP'] = options.speedup
     place = ','.join(str(value) for value in astuple(options.origin))
-    print(
-        f'sim_autopilot: {" ".join(names)}, origin {place}, speed-up {options.speedup:g}',
-        flush=True,
-    )
+    with flushed():
+        print(f'sim_autopilot: {" ".join(names)}, origin {place}, speed-up {options.speedup:g}')
     with contextlib.suppress(KeyboardInterrupt):
         _run(flight, ports, options.system_id, options.camera)
     return 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import signal
 import sys
 import warnings
@@ -13,7 +12,8 @@ from contextlib import contextmanager
 from typing import Any, NoReturn
 
 from uav_mission_manager.arguments import complete, version_line
-from uav_mission_manager.echo import shown
+from uav_mission_manager.echo import said_by, shown
+from uav_mission_manager.output import flushed
 
 LONGEST_REFUSAL = 600
 """Characters of an error that are shown: a choice, two echoes and what is said of them."""
@@ -61,22 +61,18 @@ def one_line_errors(command: str) -> Iterator[None]:
     """
     _prepare(command)
     try:
-        try:
+        with flushed():
             yield
-        finally:
-            _flush()
     except KeyboardInterrupt as error:
         print(f'{command}: interrupted', file=sys.stderr)
         # Python's own has no number.
         sys.exit(SIGNAL_EXIT + (error.args or (signal.SIGINT,))[0])
-    except BrokenPipeError:
-        sys.exit(1)
     except MemoryError as error:
         sys.exit(f'{command}: not enough memory. {shown(error, LONGEST_REFUSAL)}')
     except BrokenExecutor:
         sys.exit(f'{command}: a process that solves a part has died: of too little memory?')
     except (ValueError, OSError) as error:
-        sys.exit(f'{command}: {shown(error, LONGEST_REFUSAL)}')
+        sys.exit(f'{command}: {shown(said_by(error), LONGEST_REFUSAL)}')
 
 
 @contextmanager
@@ -116,13 +112,3 @@ def look_for_interruption() -> None:
 def _interrupt(number: int, _: object) -> NoReturn:
     _come.append(number)
     raise KeyboardInterrupt(number)
-
-
-def _flush() -> None:
-    """Write out what was printed; where that fails drop it, lest the interpreter tries again."""
-    try:
-        if sys.stdout is not None:
-            sys.stdout.flush()
-    except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise

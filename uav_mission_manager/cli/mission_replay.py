@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from uav_mission_manager.cli.errors import CommandParser, one_line_errors
-from uav_mission_manager.cli.recorded_flight import recorded_trace
+from uav_mission_manager.cli.recorded_flight import replayed_steps
 from uav_mission_manager.cli.replay_view import print_replay
 from uav_mission_manager.cli.served_flight import serve_flight
 from uav_mission_manager.console import DEFAULT_PORT
-from uav_mission_manager.echo import quoted, shown
+from uav_mission_manager.echo import quoted
 from uav_mission_manager.mdp import Mission, global_actions
 from uav_mission_manager.onboard import format_command
 from uav_mission_manager.onboard.trace import RecordedOutcome, Replay, ReplayedStep, outcome_values
@@ -59,7 +59,8 @@ def _parser() -> CommandParser:
     how.add_argument(
         '--serve',
         action='store_true',
-        help='show the flight as it was on a page of the console, with play, pause and speed',
+        help='show the flight on a page of the console, with play, pause and speed, and beside it '
+        'what this policy set decides',
     )
     parser.add_argument(
         '--port',
@@ -80,12 +81,8 @@ def _answer(bag: str, vehicle: str | None, policy: Policy) -> dict[str, Any]:
     """All that is found, as `--json` prints it (see docs/record.md)."""
     replay, comparison = Replay(policy), Comparison(policy.mission)
     seconds = 0.0
-    for seconds, text in recorded_trace(Path(bag), vehicle):
-        try:
-            for step in replay.take(text):
-                comparison.add(seconds, step)
-        except ValueError as error:
-            raise ValueError(f'{shown(bag)}: at {seconds:.2f} s: {error}') from error
+    for seconds, step in replayed_steps(Path(bag), vehicle, replay):
+        comparison.add(seconds, step)
     return {
         'format': REPLAY_FORMAT,
         'bag': bag,

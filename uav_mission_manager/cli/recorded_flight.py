@@ -20,6 +20,7 @@ from uav_mission_manager.console.messages import (
 from uav_mission_manager.console.playback import RecordedFlight, heard_flight
 from uav_mission_manager.echo import shown
 from uav_mission_manager.onboard.recording import require_rosbags
+from uav_mission_manager.onboard.trace import Replay, ReplayedStep
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -99,6 +100,21 @@ def recorded_trace(path: Path, vehicle: str | None) -> Iterator[TraceEntry]:
         for connection, time, data in reader.messages(found):
             text = decoded(data, connection.msgtype).data
             yield TraceEntry((time - reader.start_time) * 1e-9, text)
+
+
+def replayed_steps(
+    path: Path, vehicle: str | None, replay: Replay
+) -> Iterator[tuple[float, ReplayedStep]]:
+    """Yield each decision of a trace with when it was recorded [s], decided anew.
+
+    Raises what `recorded_trace` raises, and where an entry is none, the same with its time.
+    """
+    for seconds, text in recorded_trace(path, vehicle):
+        try:
+            for step in replay.take(text):
+                yield seconds, step
+        except ValueError as error:
+            raise ValueError(f'{shown(path)}: at {seconds:.2f} s: {error}') from error
 
 
 def recorded_flight(path: Path, vehicle: str | None) -> RecordedFlight:

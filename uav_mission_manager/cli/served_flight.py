@@ -6,11 +6,15 @@ import time
 from pathlib import Path
 from typing import NoReturn
 
-from uav_mission_manager.cli.recorded_flight import recorded_flight
+from uav_mission_manager.cli.recorded_flight import recorded_flight, replayed_steps
 from uav_mission_manager.console import DEFAULT_OLD_AFTER, page_serving
 from uav_mission_manager.console.fleet import Fleet
+from uav_mission_manager.console.other_policy import OtherPolicy
 from uav_mission_manager.console.playback import Playback
 from uav_mission_manager.console.policies import PolicyShelf
+from uav_mission_manager.echo import shown
+from uav_mission_manager.onboard.trace import Replay
+from uav_mission_manager.policy import load_policy
 
 HOST = '127.0.0.1'
 """Address of the page: this machine's own."""
@@ -24,14 +28,17 @@ def serve_flight(bag: Path, vehicle: str | None, policy: str, port: int) -> NoRe
     bag, vehicle
         See `recorded_flight`.
     policy : str
-        Folder of the policy set; with the one that was flown the page has map and forecast.
+        Folder of the policy set whose decisions are shown beside those flown.
     port : int
         0 is any that is free.
     """
     serving = page_serving()
-    shelf = PolicyShelf([policy])
-    playback = Playback(recorded_flight(bag, vehicle), time.monotonic)
-    fleet = Fleet(shelf, lambda: playback.position, DEFAULT_OLD_AFTER)
+    loaded, flight = load_policy(policy), recorded_flight(bag, vehicle)
+    name = f'{shown(Path(policy).name or policy, 60)} ({loaded.method})'
+    other = OtherPolicy(name, loaded.mission, replayed_steps(bag, vehicle, Replay(loaded)))
+    playback = Playback(flight, time.monotonic, other)
+    fleet = Fleet(PolicyShelf([policy]), lambda: playback.position, DEFAULT_OLD_AFTER)
+    fleet.mission = loaded.mission
     fleet.obstacle = 'this is a recording'
     listener = serving.listening_socket(HOST, port)
     server = serving.PageServer(fleet, listener, playback=playback)

@@ -53,10 +53,13 @@ class Fleet:
         What became of the last ones, in their order.
     obstacle : str
         Why no vehicle can be ordered anything, '' where one can.
+    mission : Mission or None
+        Of vehicles whose policy set is not at hand: goals and grid at least are theirs.
     """
 
     answers: tuple[OrderAnswer, ...] = ()
     obstacle = ''
+    mission: Mission | None = None
 
     def __init__(self, shelf: PolicyShelf, clock: Callable[[], float], timeout: float) -> None:
         self.heard: dict[str, Heard] = {}
@@ -83,12 +86,17 @@ class Fleet:
             return None
         return self._shelf.find(heard.decision.value.digest, self.clock())
 
+    def mission_of(self, vehicle: str) -> Mission | None:
+        """Return the mission that a vehicle flies; None while it is not known."""
+        policy = self.policy(vehicle)
+        return policy.mission if policy else self.mission
+
     def view(self, vehicle: str) -> VehicleView:
         """Return what to show of a vehicle now."""
         heard, policy = self.heard.get(vehicle, Heard()), self.policy(vehicle)
         state = heard.decision.value.state if heard.decision else ()
         parts = self._shelf.parts(policy, state) if policy and state else ()
-        mission = policy.mission if policy else None
+        mission = self.mission_of(vehicle)
         view = view_of(vehicle or '/', heard, mission, parts, self.clock(), self.timeout)
         return replace(view, obstacle=self.obstacle or view.obstacle)
 
@@ -96,8 +104,8 @@ class Fleet:
         """Return the vehicles that are on the grid of a mission, by namespace."""
         found = {}
         for vehicle, heard in list(self.heard.items()):
-            policy = self.policy(vehicle)
-            if heard.pose is not None and policy and policy.mission.grid == mission.grid:
+            flown = self.mission_of(vehicle)
+            if heard.pose is not None and flown and flown.grid == mission.grid:
                 old = bool(staleness(heard.pose, self.clock(), self.timeout))
                 found[vehicle] = Craft(heard.pose.value, old)
         return found

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from html import escape
 
 from uav_mission_manager.console.heard import LogLine
+from uav_mission_manager.console.other_policy import OtherDecision
 from uav_mission_manager.console.view import Bar, NowAndWhy, VehicleView
-from uav_mission_manager.console.words import Fact, InCommand
+from uav_mission_manager.console.words import Fact, InCommand, headline
 
 MOST_NAMED = 12
 """Actions that are named as not allowed, at most: a choice, three lines."""
@@ -66,6 +68,32 @@ def now_html(now: NowAndWhy) -> str:
         f'</div><div class="second">{escape(now.second)}</div>'
         f'<div class="close">{escape(now.closeness)}</div></div>'
     )
+
+
+def other_html(name: str, other: OtherDecision, at_base: bool) -> str:
+    """What another policy would have done now, and what the difference is worth."""
+    if not other.differs:
+        lines = (
+            f'<div class="headline">the same</div><div class="note">{escape(other.reason)}</div>'
+        )
+    else:
+        words = headline(other.command, at_base) if other.command else 'NO COMMAND'
+        lines = f'<div class="headline">{escape(words)}</div>'
+        lines += f'<div class="reason">{escape(other.reason)}</div>'
+        if other.flown_costs is not None and other.other_costs is not None:
+            told = (
+                f'by its values, what was flown {_extra(other.flown_costs)}; '
+                f'by the values flown, this {_extra(other.other_costs)}'
+            )
+            lines += f'<div class="note">{escape(told)}</div>'
+    kind = 'other differs' if other.differs else 'other'
+    return f'<div class="{kind}"><h2>by {escape(name)}</h2>{lines}</div>'
+
+
+def _extra(cost: float) -> str:
+    if not math.isfinite(cost):
+        return 'is not allowed'
+    return f'costs {abs(cost):.3g} {"less" if cost < 0 else "more"}'
 
 
 def bars_html(title: str, bars: Sequence[Bar]) -> str:

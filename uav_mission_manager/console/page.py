@@ -8,13 +8,14 @@ from nicegui.events import KeyEventArguments
 from uav_mission_manager.console.controls import Controls
 from uav_mission_manager.console.fleet import Fleet
 from uav_mission_manager.console.forecasting import FORECAST_FLIGHTS
-from uav_mission_manager.console.heard import Heard
+from uav_mission_manager.console.heard import Heard, last_state
 from uav_mission_manager.console.map_overlay import base_layer, goal_layer, moving_layer
 from uav_mission_manager.console.markup import (
     bars_html,
     forecast_html,
     log_html,
     now_html,
+    other_html,
     rest_html,
     tile_html,
     top_html,
@@ -55,6 +56,9 @@ class VehiclePage:
         self._drawn: list[tuple[int, int]] = []
         self._tiles: dict[str, ui.html] = {}
         self._dark = ui.dark_mode(None)
+        self._others: dict[int, str] | None = None
+        if playback is not None and playback.other is not None:
+            self._others = playback.other.by_epoch(playback.flight.epochs)
         self._build()
         ui.keyboard(self._on_key, ignore=['input', 'select', 'textarea'])
         self._look()
@@ -76,7 +80,9 @@ class VehiclePage:
             with ui.element('section').classes('area-map box'):
                 self._base, self._goals, self._moving = (_html() for _ in range(3))
             with ui.element('section').classes('area-side box'):
-                self._now, self._actions, self._parts, self._forecast = (_html() for _ in range(4))
+                self._now, self._other, self._actions, self._parts, self._forecast = (
+                    _html() for _ in range(5)
+                )
             with ui.element('section').classes('area-time box'):
                 self._names = _html('timeline-names')
                 with ui.element('div').classes('time-scroll'):
@@ -99,6 +105,8 @@ class VehiclePage:
             self._dark.value = not self._dark.value
         elif key == 'p' and self._playback is not None:
             self._playback.toggle()
+        elif key == 'n' and self._playback is not None:
+            self._playback.seek_difference()
         elif key in ('h', 'r'):
             await self._controls.ask({'h': 'hold', 'r': 'resume'}[key])
         elif key.isdigit() and 0 < int(key) <= len(names):
@@ -150,9 +158,10 @@ class VehiclePage:
     def _show(self, name: str, heard: Heard) -> None:
         view, policy = self._fleet.view(name), self._fleet.policy(name)
         old = view.now.headline.tone in ('stale', 'danger')  # Nothing is decided now.
-        mission = policy.mission if policy else None
+        mission = self._fleet.mission_of(name)
         self._top.content = top_html(view)
         self._now.content = now_html(view.now)
+        self._show_other(heard)
         title = 'what each action costs more than the best'
         bars = bars_html(title, view.now.actions)
         self._actions.content = bars + rest_html(view.now.forbidden, view.now.dearer)
@@ -177,6 +186,15 @@ class VehiclePage:
             return forecast_html(None, f'{of}: no goal is wanted')
         return forecast_html(found.chances, f'{of}, by {FORECAST_FLIGHTS} simulated flights')
 
+    def _show_other(self, heard: Heard) -> None:
+        """Show what another policy would have done at this moment of a flight."""
+        playback = self._playback
+        if playback is None or playback.other is None:
+            return
+        other, state = playback.other.at(playback.position), last_state(heard.epochs)
+        at_base = bool(state) and state[-4] == playback.other.mission.grid.base
+        self._other.content = other_html(playback.other.name, other, at_base) if other else ''
+
     def _show_map(self, name: str, heard: Heard, mission: Mission | None, old: bool) -> None:
         if mission is None:
             self._base.content = '<p class="note">no map: the policy set is not at hand here</p>'
@@ -191,7 +209,9 @@ class VehiclePage:
 
     def _show_time(self, heard: Heard, mission: Mission | None) -> None:
         """Draw the blocks of the timeline that have changed."""
-        names = row_names([goal.name for goal in mission.goals] if mission else ())
+        others = self._others
+        goals = [goal.name for goal in mission.goals] if mission else ()
+        names = row_names(goals, others is not None)
         self._names.content = '\n'.join(names)
         found = blocks(heard.epochs)
         while len(self._blocks) > len(found):
@@ -205,7 +225,7 @@ class VehiclePage:
             key = id(block[0]), id(block[-1])
             if self._drawn[position] != key:
                 self._drawn[position] = key
-                self._blocks[position].content = block_svg(block, mission)
+                self._blocks[position].content = block_svg(block, mission, others=others)
 
 
 def _html(classes: str = '') -> ui.html:

@@ -7,13 +7,14 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from uav_mission_manager.console.heard import Heard
+from uav_mission_manager.console.heard import Heard, HeardEpoch
 from uav_mission_manager.console.messages import (
     DIAGNOSTICS_TOPIC,
     Moment,
     bridge_reports,
     heard_after,
 )
+from uav_mission_manager.console.other_policy import OtherPolicy
 
 FLIGHT_STEP = 0.2
 """Time [s] between two moments that are kept, at least: a choice, little to an eye."""
@@ -27,11 +28,15 @@ SPEEDS = (0.5, 1, 2, 5, 20)
 
 @dataclass(frozen=True)
 class RecordedFlight:
-    """What was known of a vehicle at each of some times [s], in their order."""
+    """What was known of a vehicle at each of some times [s], in their order.
+
+    Of each epoch of the timeline it has when it began, too.
+    """
 
     vehicle: str
     times: tuple[float, ...]
     heard: tuple[Heard, ...]
+    epochs: tuple[tuple[float, HeardEpoch], ...] = ()
 
     @property
     def duration(self) -> float:
@@ -59,6 +64,7 @@ def heard_flight(
     """
     step = max(FLIGHT_STEP, duration / MOST_MOMENTS)
     times, moments, heard, at = [0.0], [Heard()], Heard(), 0.0
+    epochs: list[tuple[float, HeardEpoch]] = []
     for moment, topic, message in messages:
         at = moment.at
         if at - times[-1] >= step:
@@ -69,7 +75,9 @@ def heard_flight(
             reports = [status for name, status in bridge_reports(message) if name == vehicle]
         for report in reports:
             heard = heard_after(heard, topic, report, moment)
-    return RecordedFlight(vehicle, (*times, at), (*moments, heard))
+        if heard.epochs and (not epochs or heard.epochs[-1] is not epochs[-1][1]):
+            epochs.append((at, heard.epochs[-1]))
+    return RecordedFlight(vehicle, (*times, at), (*moments, heard), tuple(epochs))
 
 
 class Playback:
@@ -80,16 +88,24 @@ class Playback:
     flight : RecordedFlight
     clock : callable
         Returns the time [s] of who looks.
+    other : OtherPolicy or None
+        A policy whose decisions are shown beside those flown.
 
     Attributes
     ----------
+    flight, other
     playing : bool
     speed : float
         Seconds of the flight per second.
     """
 
-    def __init__(self, flight: RecordedFlight, clock: Callable[[], float]) -> None:
-        self.flight, self._clock = flight, clock
+    def __init__(
+        self,
+        flight: RecordedFlight,
+        clock: Callable[[], float],
+        other: OtherPolicy | None = None,
+    ) -> None:
+        self.flight, self.other, self._clock = flight, other, clock
         self._from, self._since = 0.0, clock()
         self.playing, self.speed = False, 1.0
 
@@ -111,6 +127,13 @@ class Playback:
     def seek(self, seconds: float) -> None:
         """Go to a time since the beginning [s]."""
         self._from, self._since = min(max(seconds, 0.0), self.flight.duration), self._clock()
+
+    def seek_difference(self) -> None:
+        """Go to where the other policy next decides otherwise; from the last, to the first."""
+        starts = [start for start, _ in self.other.differences] if self.other else []
+        later = [start for start in starts if start > self.position]
+        if starts:
+            self.seek((later or starts)[0] + FLIGHT_STEP)  # What is decided there is then known.
 
     def toggle(self) -> None:
         """Pause; or play, from the beginning where the end is reached."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from nicegui import ui
 from nicegui.events import GenericEventArguments
 
@@ -23,7 +25,19 @@ class PlaybackBar:
             ui.toggle(speeds, value=1, on_change=lambda e: playback.set_speed(e.value)).props(
                 'no-caps dense'
             )
-            self._slider = ui.slider(min=0.0, max=playback.flight.duration, step=0.1, value=0.0)
+            if playback.other is not None:
+                ui.button(icon='skip_next', on_click=playback.seek_difference).tooltip(
+                    'where the other policy next decides otherwise: n'
+                ).props('aria-label="Next difference"')
+            with ui.element('div').classes('scrubber'):
+                self._slider = ui.slider(
+                    min=0.0, max=playback.flight.duration, step=0.1, value=0.0
+                )
+                if playback.other is not None:
+                    ui.html(
+                        differences_svg(playback.other.differences, playback.flight.duration),
+                        sanitize=False,
+                    )
             self._slider.props('aria-label="Time in the flight"')
             self._slider.on('update:model-value', self._on_slide, throttle=SEEK_PERIOD)
             self._slider.on('pan', self._on_pan)
@@ -44,6 +58,19 @@ class PlaybackBar:
 
     def _on_pan(self, event: GenericEventArguments) -> None:
         self._dragged = event.args == 'start'
+
+
+def differences_svg(differences: Sequence[tuple[float, float]], duration: float) -> str:
+    """Mark on the scrubber from when to when [s] another policy decides otherwise."""
+    marks = ''.join(
+        f'<rect x="{start:.3f}" y="0" width="{max(end - start, duration / 500):.3f}" height="1">'
+        f'<title>decides otherwise from {_clock(start)} to {_clock(end)}</title></rect>'
+        for start, end in differences
+    )
+    return (
+        f'<svg class="differences" viewBox="0 0 {duration:.3f} 1" preserveAspectRatio="none" '
+        f'role="img" aria-label="{len(differences)} differences">{marks}</svg>'
+    )
 
 
 def _clock(seconds: float) -> str:

@@ -76,12 +76,17 @@ border-radius:4px}
 cursor:pointer;align-items:baseline}.tile.selected{border-color:var(--craft)}
 .tile .word{font-weight:800}
 .playback{display:flex;gap:1rem;align-items:center;flex:1 0 100%;padding:0 8px}
-.playback .q-slider{flex:1}.playback .time{font-variant-numeric:tabular-nums;font-weight:600}
+.playback .scrubber{flex:1}.differences{display:block;
+width:100%;height:8px;fill:var(--warning);background:var(--ground)}
+.playback .time{font-variant-numeric:tabular-nums;font-weight:600}
 .now .headline{font-size:2.3rem;font-weight:800;line-height:1.08;color:var(--craft);
 overflow-wrap:anywhere}.now.stale .headline,.now.stale .reason{color:var(--stale)}
 .now.idle .headline{color:var(--dim);font-weight:600}
 .now.danger .headline{color:var(--danger)}
 .now .reason{font-size:1.25rem;font-weight:600}.now .second{font-size:1.05rem}
+.other{margin-top:.5rem;border-left:5px solid var(--line);padding-left:.5rem}
+.other .headline{font-weight:700}.other.differs{border-color:var(--warning)}
+.other.differs .headline{font-size:1.3rem}.other .reason{font-weight:600}
 .now .close{font-size:1.05rem;color:var(--good);font-weight:600}
 h2{font-size:.85rem!important;font-weight:400;color:var(--dim);margin:.5rem 0 .15rem;
 line-height:1.2!important}

@@ -5,7 +5,7 @@ It is drawn in blocks of epochs, of which only the last one changes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 
 import numpy as np
@@ -14,6 +14,7 @@ from uav_mission_manager.console.heard import HeardEpoch
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, Mission, StateSpace
 from uav_mission_manager.mdp.charge import RangeFlags
+from uav_mission_manager.onboard import parse_command
 
 BLOCK = 50
 """Epochs of a block: a choice, of a few tens of kilobytes."""
@@ -27,6 +28,15 @@ MOST_GOAL_ROWS = 8
 SHORT_FAULTS = ('', 'S', 'A', 'SA', 'C', 'SC', 'AC', 'SAC')
 """Fault modes as letters of the parts that have failed, in the order of `FAULT_MODES`."""
 
+SHORT_COMMANDS = {
+    '': 'no',
+    'none normal': 'B',
+    'none agile': 'B!',
+    'recharge': 'C',
+    'repair': 'R',
+}
+"""Commands without a goal, as the letters of a policy's maps; agile with an exclamation mark."""
+
 TIMELINE_STYLE = f"""
 .timeline text{{font:600 12px system-ui,sans-serif;text-anchor:middle;fill:var(--ink)}}
 .timeline .rule{{stroke:var(--line)}}.timeline .head{{font-weight:400;fill:var(--dim)}}
@@ -34,15 +44,20 @@ TIMELINE_STYLE = f"""
 .timeline .g-1{{fill:var(--low)}}.timeline .g-2{{fill:var(--high)}}
 .timeline .c-1,.timeline .m-1{{fill:var(--craft)}}.timeline .f-1{{fill:var(--fault)}}
 .timeline .r-1{{fill:var(--stale)}}.timeline .none-1{{fill:var(--danger)}}
-.timeline text.on{{fill:#fff}}.timeline text.on-light{{fill:#1d1c1a}}
+.timeline .d-1{{fill:var(--warning)}}.timeline text.on{{fill:#fff}}
+.timeline text.on-light{{fill:#1d1c1a}}
 .timeline-names{{font:600 12px/{ROW_HEIGHT}px system-ui,sans-serif;color:var(--ink)}}
 """
 
 
-def row_names(goals: Sequence[str]) -> tuple[str, ...]:
-    """Names of the rows, top down, below the one with the numbers of the epochs."""
+def row_names(goals: Sequence[str], other: bool = False) -> tuple[str, ...]:
+    """Names of the rows, top down, below the one with the numbers of the epochs.
+
+    With `other` there is a row for what another policy would have done.
+    """
     wanted = tuple(f'{shown(goal, 16)}' for goal in goals[:MOST_GOAL_ROWS])
-    return (*wanted, 'commitment', 'cell', 'threat', 'agile', 'fault')
+    rows = *wanted, 'commitment', 'cell', 'threat', 'agile', 'fault'
+    return (*rows, 'other policy') if other else rows
 
 
 def blocks(epochs: Sequence[HeardEpoch]) -> list[Sequence[HeardEpoch]]:
@@ -53,29 +68,48 @@ def blocks(epochs: Sequence[HeardEpoch]) -> list[Sequence[HeardEpoch]]:
     return list(found.values())
 
 
-def block_svg(epochs: Sequence[HeardEpoch], mission: Mission | None, goals: int = 0) -> str:
-    """Return a block as one `svg` element; of a mission that is not known, `goals` counts them."""
-    shown_goals = min(mission.k if mission else goals, MOST_GOAL_ROWS)
-    width, height = COLUMN_WIDTH * len(epochs), ROW_HEIGHT * (shown_goals + 6)
-    rules = ''.join(f'M0 {ROW_HEIGHT * row}h{width}' for row in range(1, shown_goals + 6))
+def block_svg(
+    epochs: Sequence[HeardEpoch],
+    mission: Mission | None,
+    goals: int = 0,
+    others: Mapping[int, str] | None = None,
+) -> str:
+    """Return a block as one `svg` element.
+
+    Parameters
+    ----------
+    epochs : sequence of HeardEpoch
+    mission : Mission or None
+    goals : int
+        How many there are where the mission is not known.
+    others : mapping, optional
+        Commands of another policy by the numbers of the epochs in which it decides otherwise.
+    """
+    rows = [*_rows(epochs, mission, goals)]
+    if others is not None:
+        rows.append([_other_cell(others.get(epoch.number), mission) for epoch in epochs])
+    width, height = COLUMN_WIDTH * len(epochs), ROW_HEIGHT * (len(rows) + 1)
+    rules = ''.join(f'M0 {ROW_HEIGHT * row}h{width}' for row in range(1, len(rows) + 1))
     parts = [
         f'<svg class="timeline" width="{width}" height="{height}" '
         f'viewBox="0 0 {width} {height}" role="img" '
         f'aria-label="epochs {epochs[0].number} to {epochs[-1].number}">',
         f'<path class="rule" d="{rules}"/>',
-        *_heads(epochs, height),
+        *_heads(epochs, height, others or {}),
     ]
-    for row, cells in enumerate(_rows(epochs, mission, goals), 1):
+    for row, cells in enumerate(rows, 1):
         parts += _runs(cells, row)
     return ''.join((*parts, '</svg>'))
 
 
-def _heads(epochs: Sequence[HeardEpoch], height: int) -> Iterator[str]:
+def _heads(epochs: Sequence[HeardEpoch], height: int, others: Mapping[int, str]) -> Iterator[str]:
     """Numbers of the epochs, each with all that is known of it as a tooltip."""
     for column, epoch in enumerate(epochs):
         x = COLUMN_WIDTH * column
         state = ' '.join(map(str, epoch.state)) or 'not known'
         title = f'{epoch.time_of_day}  {shown(epoch.command) or "no command"}  state {state}'
+        if epoch.number in others:
+            title += f'  other policy: {shown(others[epoch.number]) or "no command"}'
         yield (
             f'<text class="head" x="{x + COLUMN_WIDTH / 2}" y="14">{epoch.number}</text>'
             f'<rect x="{x}" y="0" width="{COLUMN_WIDTH}" height="{height}" fill="transparent">'
@@ -130,7 +164,18 @@ def _fault_cell(state: tuple[int, ...]) -> Cell:
     return SHORT_FAULTS[state[0] - 1], 'f-1'
 
 
-LIGHT = ('g-1', 't-1')
+def _other_cell(command: str | None, mission: Mission | None) -> Cell:
+    """What another policy would have done, in short, where that is something else."""
+    if command is None:
+        return '', ''
+    if command in SHORT_COMMANDS or mission is None:
+        return SHORT_COMMANDS.get(command, 'goal'), 'd-1'
+    action = parse_command(mission, command)
+    assert action.goal is not None
+    return f'{action.goal + 1}{"!" if action.agile else ""}', 'd-1'
+
+
+LIGHT = ('g-1', 't-1', 'd-1')
 """Classes whose colour is so light that text on it is dark."""
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from uav_mission_manager.echo import quoted, shown
+from uav_mission_manager.echo import quoted, shown, why_not
 from uav_mission_manager.geodesy import Origin
 from uav_mission_manager.mdp import fields
 from uav_mission_manager.mdp.areas import Areas, NoFlyArea, Polygon, fault_of_polygon
@@ -54,8 +54,7 @@ def load_mission(path: str | Path) -> Mission:
     try:
         text = file_content(Path(path), MAX_FILE_BYTES).decode()
     except (OSError, ValueError) as error:
-        problem = shown(getattr(error, 'strerror', None) or error)  # Not the path once more.
-        raise MissionError(f'{shown(path)}: cannot be read: {problem}') from error
+        raise MissionError(f'{shown(path)}: cannot be read: {why_not(error)}') from error
     try:
         data = read_yaml(text)
     except (yaml.YAMLError, RecursionError) as error:

@@ -7,7 +7,7 @@ import re
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 
-from uav_mission_manager.echo import shown
+from uav_mission_manager.echo import said_by, shown
 
 START_ERRORS = (
     ValueError,
@@ -30,7 +30,7 @@ class FatalError(Exception):
 
 def one_line(error: Exception) -> str:
     """Return what an error says in one line, without places in the source of ROS."""
-    text = re.sub(r',? at /\S+:\d+', '', ' '.join(str(error).split()))
+    text = re.sub(r',? at /\S+:\d+', '', ' '.join(said_by(error).split()))
     if isinstance(error, rclpy_implementation.UnknownROSArgsError):
         text = f'unknown ROS arguments: {text}'
     elif isinstance(error, MemoryError):

@@ -9,6 +9,7 @@ from typing import Any
 
 from rclpy.node import Node
 
+from uav_mission_manager.echo import said_by
 from uav_mission_manager.mdp import Mission
 from uav_mission_manager.nodes.parameters import NodeParameter
 from uav_mission_manager.onboard.journal import Journal, goals_hash
@@ -68,7 +69,7 @@ def open_journal(node: Node, state_dir: str, kind: str, mission: Mission) -> Jou
         place = Path(state_dir or _default()) / node.get_namespace().strip('/') / f'{kind}.journal'
         return Journal(place, kind, goals_hash(mission))
     except (OSError, ValueError) as error:
-        raise ValueError(f'parameter state_dir: {error}') from error
+        raise ValueError(f'parameter state_dir: {said_by(error)}') from error
 
 
 def _default() -> Path:

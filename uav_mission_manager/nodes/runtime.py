@@ -23,6 +23,7 @@ from uav_mission_manager.nodes.lifecycle import ManagedNode
 from uav_mission_manager.nodes.overrides import refuse_unknown
 from uav_mission_manager.nodes.parameters import NodeParameter
 from uav_mission_manager.nodes.transport import without_shared_memory
+from uav_mission_manager.output import flushed
 
 MAX_DOMAIN = 232
 """Largest ROS_DOMAIN_ID: the ports of larger ones would be above 65535."""
@@ -47,11 +48,13 @@ def run_node(
         not start or a callback raised `FatalError` (one log line).
     """
     words = sys.argv[1:] if args is None else args
-    if {'-h', '--help'} & set(words):
-        print(_help(node_class, table))
-        return 0
-    if '--version' in words:
-        print(version_line())
+    if {'-h', '--help', '--version'} & set(words):
+        text = version_line() if '--version' in words else _help(node_class, table)
+        try:
+            with flushed():
+                print(text)
+        except OSError as error:
+            sys.exit(one_line(error))
         return 0
     ENDING.watch()
     node = executor = None

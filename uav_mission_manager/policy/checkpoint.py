@@ -8,7 +8,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from uav_mission_manager.echo import shown
+from uav_mission_manager.echo import shown, why_not
 from uav_mission_manager.mdp import Mission
 from uav_mission_manager.mdp.arrays import RealArray
 from uav_mission_manager.policy.store import MANIFEST_SCHEMA, PolicyError
@@ -58,7 +58,7 @@ class Checkpoint:
             with np.load(self.file, allow_pickle=False) as content:
                 key, sweeps, values = (content[name] for name in ('key', 'sweeps', 'values'))
         except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
-            raise PolicyError(f'{shown(self.file)}: cannot be read: {shown(error)}') from error
+            raise PolicyError(f'{shown(self.file)}: cannot be read: {why_not(error)}') from error
         if str(key) != self.key:
             raise PolicyError(
                 f'{shown(self.file)}: key: is of another mission, method or precision; delete it'
@@ -76,7 +76,9 @@ class Checkpoint:
                 np.savez(stream, key=self.key, sweeps=sweeps, values=values)
             fresh.replace(self.file)
         except OSError as error:
-            raise PolicyError(f'{shown(self.file)}: cannot be written: {shown(error)}') from error
+            raise PolicyError(
+                f'{shown(self.file)}: cannot be written: {why_not(error)}'
+            ) from error
         finally:
             fresh.unlink(missing_ok=True)
         self.last = time.monotonic()

@@ -18,6 +18,7 @@ from uav_mission_manager.policy.policy import Policy
 from uav_mission_manager.policy.store import PolicyError, PolicySet
 from uav_mission_manager.solver.decomposition.plan import Plan
 from uav_mission_manager.solver.exact import AxisModel, LookAhead, Solution
+from uav_mission_manager.solver.greedy import choose
 from uav_mission_manager.solver.recombination.rules import best_value, highest_priority, summed
 from uav_mission_manager.solver.submdp import SubMdp, goal_sub_mdps, split_sub_mdps
 
@@ -121,6 +122,18 @@ class RecombinedPolicy(Policy):
         rows = self.space.check(states)
         pairs = zip(self._models, self.solutions)
         return np.stack([model.state_values(s.value, rows) for model, s in pairs], axis=1)
+
+    def local_values(self, states: ArrayLike) -> list[FloatArray]:
+        """Q of each sub-MDP's own actions in global states, each (N, its actions)."""
+        return self._tables(self.space.check(states))
+
+    def local_choices(self, states: ArrayLike) -> IntArray:
+        """Global number of the action that each sub-MDP would take, shape (N, k)."""
+        columns = [
+            np.array(sub.numbers)[choose(values) - 1]
+            for sub, values in zip(self._subs, self.local_values(states))
+        ]
+        return np.stack(columns, axis=1)
 
     def parts_behind(self, rows: IntArray) -> list[tuple[int, ...]]:
         """Sub-MDPs whose Q values decide in one valid state: one of them, or all, summed."""

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uav_mission_manager.echo import quoted, shown
+from uav_mission_manager.echo import quoted, shown, why_not
 from uav_mission_manager.mdp import Mission, MissionError, mission_from_dict
 from uav_mission_manager.mdp.arrays import AnyArray
 from uav_mission_manager.mdp.fields import numbers
@@ -85,7 +85,7 @@ def write_policy_set(contents: PolicySet, directory: Path) -> str:
         with taking_the_place_of(directory) as fresh:
             return _write(contents, fresh)
     except OSError as error:
-        raise PolicyError(f'{shown(directory)}: cannot be written: {shown(error)}') from error
+        raise PolicyError(f'{shown(directory)}: cannot be written: {why_not(error)}') from error
 
 
 def read_policy_set(directory: Path) -> tuple[PolicySet, str]:
@@ -266,7 +266,7 @@ def _read_manifest(place: Path) -> dict[str, Any]:
             text = stream.read()
         manifest = json.loads(text)
     except OSError as error:
-        raise PolicyError(f'{shown(place)}: cannot be read: {shown(error)}') from error
+        raise PolicyError(f'{shown(place)}: cannot be read: {why_not(error)}') from error
     except (ValueError, RecursionError) as error:
         raise PolicyError(f'{shown(place)}: not valid JSON: {shown(error)}') from error
     if not isinstance(manifest, dict) or manifest.get('schema') != MANIFEST_SCHEMA:
@@ -303,7 +303,7 @@ def _read_array(
     try:
         content, digest = private_copy(file)
     except OSError as error:
-        raise PolicyError(f'{shown(file)}: cannot be read: {shown(error)}') from error
+        raise PolicyError(f'{shown(file)}: cannot be read: {why_not(error)}') from error
     if digest != entry['sha256']:
         raise PolicyError(
             f'{shown(file)}: sha256: does not match the manifest; the file was altered'

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
-from string import Template
 
 from uav_mission_manager.cli.check.facts import (
     done_text,
@@ -17,18 +16,12 @@ from uav_mission_manager.cli.check.facts import (
 )
 from uav_mission_manager.cli.check.finding import Finding
 from uav_mission_manager.cli.check.svg_map import svg_map
+from uav_mission_manager.cli.html_document import html_document
 from uav_mission_manager.drawing.places import area_shapes, reaches, rounds
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import Mission
 
-PAGE = Template("""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">
-<title>$title</title>
-<style>
+STYLE = """
 body{font:16px/1.45 system-ui,sans-serif;color:#2b2a26;background:#fff;
 margin:1.5rem auto;max-width:62rem;padding:0 1rem}
 h1{font-size:1.4rem;margin:0 0 .2rem;overflow-wrap:anywhere}p{margin:.2rem 0 1rem}
@@ -40,20 +33,7 @@ td:nth-child(2){min-width:7rem}
 th:last-child,td:last-child{text-align:left;white-space:normal}
 .legend{display:flex;flex-wrap:wrap;gap:.4rem 1.4rem;list-style:none;padding:0;font-size:.9rem}
 .legend svg{width:1.6rem;height:1.1rem;vertical-align:-.2rem;margin-right:.4rem;font-size:8px}
-</style>
-</head>
-<body>
-<h1>$title</h1>
-<p>$summary</p>
-$map
-<ul class="legend">
-$legend
-</ul>
-$goals
-$findings
-</body>
-</html>
-""")
+"""
 
 GOAL_TABLE = """<table>
 <thead><tr><th>#</th><th>goal</th><th>cell</th><th>from base</th><th>to service</th><th>needs</th>
@@ -78,14 +58,14 @@ MAP_LEGEND = (
 
 def html_page(mission: Mission, findings: Sequence[Finding]) -> str:
     """Return the page."""
-    return PAGE.substitute(
-        title=escape(f'Mission {shown(mission.name)}'),
-        summary=escape(summary(mission)),
-        map=svg_map(mission),
-        legend=map_legend(mission),
-        goals=goal_table(mission),
-        findings=finding_list(findings),
+    body = (
+        f'<p>{escape(summary(mission))}</p>',
+        svg_map(mission),
+        f'<ul class="legend">\n{map_legend(mission)}\n</ul>',
+        goal_table(mission),
+        finding_list(findings),
     )
+    return html_document(f'Mission {shown(mission.name)}', STYLE, '\n'.join(body))
 
 
 def map_legend(mission: Mission) -> str:

@@ -48,6 +48,8 @@ class Solved:
         How the sensitivities were found, in words.
     sensitivities : tuple of Sensitivity
         The largest first.
+    policy : ExactPolicy
+        The optimal one.
     """
 
     findings: tuple[Finding, ...]
@@ -55,6 +57,7 @@ class Solved:
     seconds: float
     method: str
     sensitivities: tuple[Sensitivity, ...]
+    policy: ExactPolicy
 
 
 def obstacle_to_solving(mission: Mission, most: float = MAX_SOLVE_SECONDS) -> str:
@@ -83,7 +86,7 @@ def solve(mission: Mission, progress: Progress = ignore) -> Solved:
     else:
         method = f'to first order, by one backup in {DRAWN_EPOCHS:,} epochs of flight'
         found = by_occupancy(policy.solution, policy.act, start, DRAWN_EPOCHS, progress)
-    return Solved(tuple(flown_findings(policy)), value, seconds, method, tuple(found))
+    return Solved(tuple(flown_findings(policy)), value, seconds, method, tuple(found), policy)
 
 
 def flown_findings(policy: ExactPolicy) -> Iterator[Finding]:

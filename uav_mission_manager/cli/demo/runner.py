@@ -27,11 +27,12 @@ from uav_mission_manager.cli.errors import (
     one_line_errors,
     undisturbed,
 )
+from uav_mission_manager.cli.recording_options import add_recording_options, place_of_bags
 from uav_mission_manager.echo import quoted
 from uav_mission_manager.mdp import Mission, StateSpace
 from uav_mission_manager.mdp.fields import positive
 from uav_mission_manager.nodes.transport import without_shared_memory
-from uav_mission_manager.onboard.recording import bag_names, require_rosbags
+from uav_mission_manager.onboard.recording import bag_names
 
 MAX_WATCH_TIME = 45.0
 """Time [s] to watch the vehicle come home by itself after a process has ended: a choice."""
@@ -81,14 +82,9 @@ def _parser() -> CommandParser:
         '--no-page', action='store_true', help='do not serve the page of the console'
     )
     parser.add_argument('--logs', type=Path, help='directory for the logs; default: a new one')
-    recording = parser.add_mutually_exclusive_group()
-    recording.add_argument(
-        '--record',
-        type=Path,
-        metavar='DIR',
-        help='directory for the bags, one a mission; default: that of the logs',
+    add_recording_options(
+        parser, 'directory for the bags, one a mission; default: that of the logs'
     )
-    recording.add_argument('--no-record', action='store_true', help='make no bags')
     return parser
 
 
@@ -104,7 +100,7 @@ def _demonstrate(options: argparse.Namespace) -> int:
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_DOMAIN_ID', str(random.randint(1, 100)))
     logs = options.logs or Path(tempfile.mkdtemp(prefix='uav-demo-'))
-    bags = _place_of_bags(options, logs)
+    bags = place_of_bags(options, logs / 'bags')
     own = options.policy
     missions = [mission_of(own, options.speedup)] if own else shipped_missions(logs)
     results: list[FlightResult] = []
@@ -125,20 +121,6 @@ def _demonstrate(options: argparse.Namespace) -> int:
         speedup = f'--speedup {options.speedup:g}'
         print(f'mission_report {bag} --policy {mission.policy} {speedup} --out report.html')
     return 0 if all(result.good for result in results) else 1
-
-
-def _place_of_bags(options: argparse.Namespace, logs: Path) -> Path | None:
-    """Where to record the flights, None for nowhere."""
-    if options.no_record:
-        return None
-    try:
-        require_rosbags()
-    except ValueError as error:
-        if options.record is not None:
-            raise ValueError(f'--record: {error}') from error
-        print(f'not recorded: {error}')
-        return None
-    return options.record or logs / 'bags'
 
 
 def _fly(planned: DemoMission, logs: Path, speedup: float, bag: Path | None) -> FlightResult:

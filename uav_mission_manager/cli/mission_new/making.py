@@ -31,7 +31,7 @@ from uav_mission_manager.cli.mission_new.options import FIT
 from uav_mission_manager.cli.mission_new.qgc_plan import read_plan
 from uav_mission_manager.cli.mission_new.report import print_report
 from uav_mission_manager.cli.mission_new.selection import Selection, select
-from uav_mission_manager.echo import quoted, shown
+from uav_mission_manager.echo import quoted, shown, why_not
 from uav_mission_manager.likeness import nearest
 from uav_mission_manager.mdp import Grid, Mission, MissionError, mission_from_dict
 from uav_mission_manager.mdp.mission_file import MAX_FILE_BYTES
@@ -95,8 +95,7 @@ def _read(file: str) -> Found:
     try:
         content = file_content(Path(file), MAX_FILE_BYTES)
     except (OSError, ValueError) as error:
-        problem = shown(getattr(error, 'strerror', None) or error)  # Not the path once more.
-        raise MissionError(f'{shown(file)}: cannot be read: {problem}') from error
+        raise MissionError(f'{shown(file)}: cannot be read: {why_not(error)}') from error
     if content.startswith(b'PK'):
         raise MissionError(
             f'{shown(file)}: is an archive, KMZ perhaps: unzip it, and give doc.kml'

@@ -69,7 +69,7 @@ def flight_page(record: FlightRecord, bag: str, policy: Policy | None) -> str:
             if policy
             else '',
             '<h2>What happened, in order</h2>',
-            _story_table(rows),
+            _story_table(rows, record.speedup),
             *_map(record, mission, commands),
             '<h2>Each decision</h2>',
             *_timeline(record, names, mission),
@@ -111,7 +111,7 @@ def _head(record: FlightRecord, bag: str, policy: Policy | None) -> str:
     return text
 
 
-def _story_table(rows: Sequence[StoryRow]) -> str:
+def _story_table(rows: Sequence[StoryRow], speedup: float) -> str:
     kept = rows
     if len(rows) > MOST_STORY_ROWS:
         kept = [row for row in rows if row.kind][:MOST_STORY_ROWS]
@@ -124,13 +124,21 @@ def _story_table(rows: Sequence[StoryRow]) -> str:
     text += page.note(
         'Commands are numbered, with what had changed since the command before in italics; the '
         'numbers are on the map and in the picture of the battery. Cost: what the policy expected '
-        'to pay from there on; second best: what that would have been expected to cost more. A '
-        'danger counts for some seconds after its end, and a command stays for some seconds '
-        'unless danger rises.'
+        'to pay from there on; second best: what that would have been expected to cost more. '
+        'EVADING, EVADE: in agile mode, dearer to fly and safer under a threat.'
+    )
+    text += page.note(
+        'Three things wait for some seconds, unless danger rises: the end of a danger, a request '
+        'soon after another one, and a change of mind soon after the last. They are seconds of '
+        f'the recording{_as_long(speedup)}.'
     )
     if len(kept) < len(rows):
         text += page.note(f'{len(rows) - len(kept):,} of {len(rows):,} lines are left out.')
     return text
+
+
+def _as_long(speedup: float) -> str:
+    return '' if speedup == 1.0 else f', which are {speedup:g} times as many here'
 
 
 def _story_row(row: StoryRow) -> str:

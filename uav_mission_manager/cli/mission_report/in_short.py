@@ -11,9 +11,23 @@ from uav_mission_manager.cli.mission_report.account import Account
 from uav_mission_manager.cli.mission_report.flight_record import FlightRecord
 from uav_mission_manager.cli.mission_report.goals_done import Expectation, WantedGoal
 from uav_mission_manager.cli.mission_report.page import clock
-from uav_mission_manager.cli.mission_report.story import Names, StoryRow
+from uav_mission_manager.cli.mission_report.story import CHARGE_JUMP, Names, StoryRow
 from uav_mission_manager.console.map_overlay import PRIORITY_WORDS
 from uav_mission_manager.echo import shown
+
+JUST_BEFORE = 10.0
+"""Time [s] within which a jump of the charge is told with what followed: a choice."""
+
+
+TURNS = {
+    'RECHARGE': 'It went to recharge',
+    'GO FOR REPAIR': 'It went for repair',
+    'EVAD': 'It flew agile, for a threat',
+}
+"""What is told of commands with such a word."""
+
+MOST_TURNS = 12
+"""Commands that are told here, at most: a choice; the story has all."""
 
 
 def in_short(
@@ -58,20 +72,25 @@ def _times(count: int) -> str:
 
 def _turns(record: FlightRecord, commands: Sequence[StoryRow]) -> Iterator[str]:
     """Say where it broke off, or flew agile, and why."""
-    turns = [
-        f'{clock(row.at)} ({row.reason}; charge {_percent(record.charge_at(row.at))})'
-        for row in commands
-        if row.text == 'RECHARGE'
-    ]
-    if turns:
-        yield f'To recharge: {"; ".join(turns)}.'
-    turns = [f'{clock(row.at)} ({row.reason})' for row in commands if row.text == 'GO FOR REPAIR']
-    if turns:
-        yield f'For repair: {"; ".join(turns)}.'
-    evading = [row for row in commands if 'EVAD' in row.text]
-    if evading:
-        turns = [f'{clock(row.at)} ({row.reason})' for row in evading]
-        yield f'Agile, for a threat: {"; ".join(turns)}.'
+    turns = []
+    for row in commands:
+        for word, what in TURNS.items():
+            if word in row.text:
+                charge = f'; {_charge(record, row.at)}' if word == 'RECHARGE' else ''
+                turns.append(
+                    f'{clock(row.at)} {what}: {row.reason}{charge}. Second best: {row.second}.'
+                )
+    yield from turns[:MOST_TURNS]
+    if len(turns) > MOST_TURNS:
+        yield f'{len(turns) - MOST_TURNS:,} more times it recharged, was repaired or flew agile.'
+
+
+def _charge(record: FlightRecord, at: float) -> str:
+    """Say the charge at a time, and where it had jumped just before."""
+    now, before = record.charge_at(at), record.charge_at(at - JUST_BEFORE)
+    jumped = abs(now - before) >= CHARGE_JUMP
+    text = f'charge {_percent(now)}'
+    return f'{text}, which was {_percent(before)} a moment before' if jumped else text
 
 
 def _percent(charge: float) -> str:
@@ -94,7 +113,7 @@ def goals_table(
     """Return when each goal was asked for and done, beside `count` simulated flights."""
     if not found:
         return page.note('The manager wanted no goal.')
-    heads = ('goal', 'priority', 'asked at', 'over at', '', 'took', 'expected (median)')
+    heads = ('goal', 'priority', 'wanted from', 'over at', '', 'took', 'expected (median)')
     rows = []
     for request, expectation in zip(found, expected):
         over = math.isfinite(request.over)
@@ -111,9 +130,9 @@ def goals_table(
         )
     return page.table((*heads, 'simulated flights that took longer'), rows, (2, 3, 5, 6, 7)) + (
         page.note(
-            f'Expected: of {count:,} simulated flights from the state in which the goal was '
-            "asked for, with the mission's chances of faults, threats and other requests. They "
-            'know of no take-off, landing, climb or work at the service cell.'
+            f'Expected: of {count:,} simulated flights from the state in which the manager began '
+            "to want the goal, with the mission's chances of faults, threats and other requests. "
+            'They know of no take-off, landing, climb or work at the service cell.'
         )
     )
 

@@ -4,30 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from html import escape
-from string import Template
 
 from uav_mission_manager.arguments import version_line
+from uav_mission_manager.cli.html_document import html_document
 from uav_mission_manager.console.map_overlay import OVERLAY_STYLE
 from uav_mission_manager.console.style import COLOURS
 from uav_mission_manager.console.timeline import TIMELINE_STYLE
 from uav_mission_manager.drawing.base_map import MAP_STYLE
-
-REPORT = Template("""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">
-<title>$title</title>
-<style>$style</style>
-</head>
-<body>
-<h1>$title</h1>
-$body
-<p class="foot">$foot</p>
-</body>
-</html>
-""")
 
 REPORT_STYLE = """
 body{font:15px/1.45 system-ui,sans-serif;color:var(--ink);background:#fff;margin:1.5rem auto;
@@ -59,7 +42,8 @@ svg{width:100%;height:auto}svg.map{max-height:70vh}
 .legend svg{width:1.6rem;height:1.1rem;vertical-align:-.2rem;margin-right:.4rem;font-size:8px}
 .bar{display:grid;grid-template-columns:minmax(0,14rem) minmax(3rem,1fr) 5rem;gap:.5rem;
 align-items:center}.bar .track{height:.8rem;background:#eceae4}.bar .fill{display:block;
-height:100%;background:var(--craft)}.bar .amount{text-align:right}
+height:100%;background:var(--craft)}.bar .amount{text-align:right}.bar.choice{font-weight:700}
+.bars h2{font-size:.9rem;border:0;margin:.6rem 0 .1rem;padding:0}
 *{-webkit-print-color-adjust:exact;print-color-adjust:exact}
 @page{size:A4;margin:14mm 12mm}
 @media print{body{font-size:9.5pt;margin:0;max-width:none;padding:0}
@@ -73,9 +57,8 @@ svg.map{max-height:120mm}}
 def page(title: str, body: Iterable[str]) -> str:
     """Return a report; the parts of its body are HTML already."""
     style = '\n'.join((MAP_STYLE, COLOURS, OVERLAY_STYLE, TIMELINE_STYLE, REPORT_STYLE))
-    return REPORT.substitute(
-        title=escape(title), style=style, body='\n'.join(body), foot=escape(version_line())
-    )
+    foot = f'<p class="foot">{escape(version_line())}</p>'
+    return html_document(title, style, '\n'.join((*body, foot)))
 
 
 def facts(entries: Iterable[tuple[str, str]]) -> str:

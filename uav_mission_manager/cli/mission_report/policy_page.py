@@ -17,6 +17,10 @@ from uav_mission_manager.cli.check.svg_map import svg_map
 from uav_mission_manager.cli.check.terminal import SHOWN_SENSITIVITIES
 from uav_mission_manager.cli.forecast_view import interval_texts, percent_texts, quantities
 from uav_mission_manager.cli.mission_report import page
+from uav_mission_manager.cli.mission_report.beside_optimum import (
+    beside_optimum,
+    sub_mdp_values,
+)
 from uav_mission_manager.cli.mission_report.policy_maps import (
     MAPS_STYLE,
     fault_rows,
@@ -76,6 +80,8 @@ def policy_page(policy: Policy, directory: str) -> str:
             '<h3>By priority and threat, without faults</h3>',
             maps_table(policy, priority_rows(mission)),
             *_quality(policy),
+            *sub_mdp_values(policy),
+            *_beside_optimum(policy, solved, unchecked),
             *_forecast(policy),
             *_sensitivities(mission, solved, unchecked),
         ),
@@ -127,6 +133,14 @@ def _quality(policy: Policy) -> Iterator[str]:
     parts = list(zip(policy.parts, policy.part_values(start)[0].tolist()))
     if len(parts) > 1:
         yield bars_html('share of each sub-MDP in the cost', part_bars(parts, policy.mission))
+
+
+def _beside_optimum(policy: Policy, solved: Solved | None, unchecked: str) -> Iterator[str]:
+    yield '<h2>Beside the optimal policy</h2>'
+    if solved is None:
+        yield page.note(f'Left out: {unchecked}.')
+        return
+    yield from beside_optimum(policy, solved.policy)
 
 
 def _forecast(policy: Policy) -> Iterator[str]:
