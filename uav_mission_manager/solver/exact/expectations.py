@@ -26,20 +26,19 @@ class ExogenousTables:
     ----------
     open : float array (q, T * 3^n, 8 * 2^n)
         Where no goal is completed.
-    completed : list of float array (T * 3^(n-1), 8 * 2^n)
+    completed : float array (n, T * 3^(n-1), 8 * 2^n)
         For each goal tracked that on its cell where it is completed, g_j' = 0, over the present t
         and the other goals' g.
     """
 
     open: RealArray
-    completed: list[RealArray]
+    completed: RealArray
 
     @classmethod
     def empty(cls, model: AxisModel) -> ExogenousTables:
         """Tables yet to be filled."""
-        third = model.rows // 3, model.columns
-        completed = [np.empty(third, model.dtype) for _ in model.goal_cells]
-        return cls(np.empty(model.shape, model.dtype), completed)
+        completed = model.sub.n, model.rows // 3, model.columns
+        return cls(np.empty(model.shape, model.dtype), np.empty(completed, model.dtype))
 
 
 class ExogenousExpectation:
