@@ -28,6 +28,7 @@ from uav_mission_manager.solver.exact.expectations import (
     ExogenousTables,
 )
 from uav_mission_manager.solver.greedy import TIE_TOLERANCE
+from uav_mission_manager.solver.submdp import SubMdp
 from uav_mission_manager.solver.threads import share
 
 if TYPE_CHECKING:
@@ -197,7 +198,7 @@ class Sweeper:
         self.expected = ExogenousTables.empty(model)
         self.policy = policy
         cells, rows, columns = model.shape
-        self.block_cells, self.block_columns, self.block_rows = block_shape(model)
+        self.block_cells, self.block_columns, self.block_rows = block_shape(model.sub)
         self.blocks = [
             (cell, column)
             for cell in range(0, cells, self.block_cells)
@@ -293,14 +294,14 @@ def _follow(followed: RealArray, q: RealArray, numbers: ActionTable, number: int
     np.copyto(followed, q, where=numbers == number)
 
 
-def block_shape(model: AxisModel) -> tuple[int, int, int]:
+def block_shape(sub: SubMdp) -> tuple[int, int, int]:
     """Cells and columns of a block of the exogenous expectation, rows of a block of the rest."""
-    cells, rows, columns = model.shape
-    if cells * rows * columns <= MAX_BLOCK_ENTRIES:
+    cells, rows, columns = sub.shape
+    if sub.entries <= MAX_BLOCK_ENTRIES:
         return cells, columns, rows
     height, width = rows, columns
     while rows * width > MAX_BLOCK_ENTRIES and width > 16:
         width //= 2
     while height > 1 and cells * height * columns > MAX_BLOCK_ENTRIES:
-        height //= model.sub.threats if height == rows else 3
+        height //= sub.threats if height == rows else 3
     return max(1, min(cells, MAX_BLOCK_ENTRIES // (rows * width))), width, height
