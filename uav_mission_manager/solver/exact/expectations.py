@@ -26,20 +26,19 @@ class ExogenousTables:
     ----------
     open : float array (q, T * 3^n, 8 * 2^n)
         Where no goal is completed.
-    completed : list of float array (T * 3^(n-1), 8 * 2^n)
+    completed : float array (n, T * 3^(n-1), 8 * 2^n)
         For each goal tracked that on its cell where it is completed, g_j' = 0, over the present t
         and the other goals' g.
     """
 
     open: RealArray
-    completed: list[RealArray]
+    completed: RealArray
 
     @classmethod
     def empty(cls, model: AxisModel) -> ExogenousTables:
         """Tables yet to be filled."""
-        third = model.rows // 3, model.columns
-        completed = [np.empty(third, model.dtype) for _ in model.goal_cells]
-        return cls(np.empty(model.shape, model.dtype), completed)
+        completed = model.sub.n, model.rows // 3, model.columns
+        return cls(np.empty(model.shape, model.dtype), np.empty(completed, model.dtype))
 
 
 class ExogenousExpectation:
@@ -58,24 +57,25 @@ class ExogenousExpectation:
         source = values[cells, :, columns].reshape(count, model.sub.threats, -1, self.columns)
         x, y, scratch = (part[: source.size].reshape(source.shape) for part in self.scratch)
         steps = mix(source, model.threat[cells], x, scratch)
-        completed: dict[int, RealArray] = {}
+        completed: dict[int, tuple[RealArray, RealArray]] = {}  # With room for the next axis.
         for slot, matrix in enumerate(model.priorities):
             axes = -1, 3, 3 ** (n - 1 - slot) * self.columns
             x, y, scratch = x.reshape(axes), y.reshape(axes), scratch.reshape(axes)
-            for other, table in completed.items():
-                table = table.reshape(axes)
-                completed[other] = np.empty_like(table)
-                steps += mix(table, matrix, completed[other], np.empty_like(table))
+            for other, pair in completed.items():
+                table, mixed = (part.reshape(axes) for part in pair)
+                steps += mix(table, matrix, mixed, scratch[: len(table)])
+                completed[other] = mixed, table
             offset = model.goal_cells[slot] - cell
             if 0 <= offset < count:
                 achieved = x.reshape(count, -1, *axes[1:])[offset, :, 0]
-                completed[slot] = np.empty(achieved.shape, model.dtype)
-                steps.append((np.copyto, (completed[slot], achieved)))
+                table, mixed = np.empty((2, *achieved.shape), model.dtype)
+                completed[slot] = table, mixed
+                steps.append((np.copyto, (completed[slot][0], achieved)))
             steps += mix(x, matrix, y, scratch)
             x, y = y, x
         into = expected.open[cells, :, columns]
         steps.append((np.copyto, (into, x.reshape(into.shape))))
-        for slot, table in completed.items():
+        for slot, (table, _) in completed.items():
             into = expected.completed[slot][:, columns]
             steps.append((np.copyto, (into, table.reshape(into.shape))))
         return steps

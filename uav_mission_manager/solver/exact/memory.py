@@ -6,22 +6,24 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from uav_mission_manager.solver import memory
-from uav_mission_manager.solver.exact.sweep import MAX_BLOCK_ENTRIES
+from uav_mission_manager.solver.exact.sweep import block_shape
 from uav_mission_manager.solver.submdp import SubMdp
 
-SCRATCH_TABLES = 10
-"""Tables of a block of rows of all cells that a thread works with: counted, about."""
+MIXED_TABLES, ROW_TABLES = 5, 20
+"""Tables of a block that a thread works with, of the exogenous expectation and of the rest:
+counted, about."""
 
 
 def needed_bytes(sub: SubMdp, dtype: DTypeLike, threads: int) -> int:
     """Memory that value iteration needs: W, its expectation, b, the costs and scratch."""
     q, rows, columns = sub.shape
     costs = 3 * (len(sub.numbers) + 1) * q * columns
-    block = max(2 * MAX_BLOCK_ENTRIES, q * columns)
     differing = q if sub.mission.range.charge else 1
     base_costs = differing * rows // sub.threats * columns
     entries = 2 * sub.entries + sub.n * rows // 3 * columns + base_costs + costs
-    return int((entries + threads * SCRATCH_TABLES * block) * np.dtype(dtype).itemsize)
+    cells, width, height = block_shape(sub)
+    scratch = MIXED_TABLES * cells * rows * width + ROW_TABLES * q * height * columns
+    return int((entries + threads * scratch) * np.dtype(dtype).itemsize)
 
 
 def check_memory(sub: SubMdp, dtype: DTypeLike, threads: int) -> None:

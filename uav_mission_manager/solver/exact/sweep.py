@@ -4,13 +4,17 @@ Once the expectation over t' and g' is known for all of W, the rest of a backup 
 row by row (t, g): E over f' and r' and the minimum over the actions, which overwrites W. So a
 sweep needs W and its expectation, and nothing else that grows with the mission. A sweep that
 follows a given policy takes its actions' entries in place of the minimum.
+
+Where numba is installed, large missions are swept by `uav_mission_manager.solver.exact.compiled`,
+which computes the same bits sooner.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,13 +28,20 @@ from uav_mission_manager.solver.exact.expectations import (
     ExogenousTables,
 )
 from uav_mission_manager.solver.greedy import TIE_TOLERANCE
+from uav_mission_manager.solver.submdp import SubMdp
 from uav_mission_manager.solver.threads import share
+
+if TYPE_CHECKING:
+    from uav_mission_manager.solver.exact.compiled import CompiledSweep
 
 MAX_BLOCK_ENTRIES = 1 << 17
 """Entries of W that a thread works on at a time: a choice; ten tables of that size fit caches."""
 
 MIN_THREADED_ENTRIES = 1 << 20
 """Entries of W from which threads pay: measured."""
+
+MIN_COMPILED_ENTRIES = 1 << 22
+"""Entries of W from which compiling the sweep pays, which takes some ten seconds: measured."""
 
 ActionTable = NDArray[np.uint8]
 """Action numbers over W."""
@@ -185,34 +196,59 @@ class Sweeper:
         self.model, self.values = model, values
         self.threads = threads if values.size >= MIN_THREADED_ENTRIES else 1
         self.expected = ExogenousTables.empty(model)
+        self.policy = policy
         cells, rows, columns = model.shape
-        block_cells, block_columns, block_rows = block_shape(model)
-        self.exogenous = [
-            ExogenousExpectation(model, block_cells, block_columns) for _ in range(self.threads)
-        ]
-        self.row_backups = [RowBackup(model, block_rows, policy) for _ in range(self.threads)]
+        self.block_cells, self.block_columns, self.block_rows = block_shape(model.sub)
         self.blocks = [
             (cell, column)
-            for cell in range(0, cells, block_cells)
-            for column in range(0, columns, block_columns)
+            for cell in range(0, cells, self.block_cells)
+            for column in range(0, columns, self.block_columns)
         ]
-        self.row_blocks = range(0, rows, block_rows)
+        self.row_blocks = range(0, rows, self.block_rows)
         self.whole: list[ArrayStep] | None = None
+        self.compiled = None if policy is not None else self._compiled()
+
+    def _compiled(self) -> CompiledSweep | None:
+        """Return the compiled sweep where it pays and can be had."""
+        if self.values.size < MIN_COMPILED_ENTRIES or self.model.sub.threats != 3:
+            return None
+        try:
+            from uav_mission_manager.solver.exact.compiled import CompiledSweep
+        except ImportError:  # numba is optional, and may not know this NumPy.
+            return None
+        n = self.model.sub.n
+        inner = max(goals for goals in range(n + 1) if 3**goals <= self.block_rows)
+        return CompiledSweep(self.model, self.values, self.expected, inner)
+
+    @cached_property
+    def exogenous(self) -> list[ExogenousExpectation]:
+        """One for each thread."""
+        shape = self.block_cells, self.block_columns
+        return [ExogenousExpectation(self.model, *shape) for _ in range(self.threads)]
+
+    @cached_property
+    def row_backups(self) -> list[RowBackup]:
+        """One for each thread."""
+        arguments = self.model, self.block_rows, self.policy
+        return [RowBackup(*arguments) for _ in range(self.threads)]
 
     def backup(self, further: float = 0.0) -> tuple[float, float]:
         """Replace W by its Bellman backup; return the least and the largest change.
 
         Afterwards W is changed by `further` times that change.
         """
+        if self.compiled is not None:
+            return self.compiled.backup(further, self.threads)
         if len(self.row_blocks) == 1:
             if self.whole is None:
                 self.whole = self.exogenous[0].steps(self.values, self.expected, 0, 0)
                 self.whole += self.row_backups[0].steps(self.values, self.expected, 0)
             return self._back_up(0, 0, further, self.whole)
         self.expect()
+        row_backups = self.row_backups
 
         def back_up(worker: int, first: int) -> tuple[float, float]:
-            steps = self.row_backups[worker].steps(self.values, self.expected, first)
+            steps = row_backups[worker].steps(self.values, self.expected, first)
             return self._back_up(worker, first, further, steps)
 
         lows, highs = zip(*share(back_up, self.row_blocks, self.threads))
@@ -222,18 +258,20 @@ class Sweeper:
         """Numbers of the actions of least Q in W, shape as W."""
         self.expect()
         numbers = np.empty(self.values.shape, np.uint8)
+        row_backups = self.row_backups
 
         def choose(worker: int, first: int) -> None:
-            self.row_backups[worker].greedy(numbers, self.expected, first)
+            row_backups[worker].greedy(numbers, self.expected, first)
 
         share(choose, self.row_blocks, self.threads)
         return numbers
 
     def expect(self) -> None:
         """Take the expectation of W over t' and g'."""
+        exogenous = self.exogenous
 
         def fill(worker: int, block: tuple[int, int]) -> None:
-            run_steps(self.exogenous[worker].steps(self.values, self.expected, *block))
+            run_steps(exogenous[worker].steps(self.values, self.expected, *block))
 
         share(fill, self.blocks, self.threads)
 
@@ -256,14 +294,14 @@ def _follow(followed: RealArray, q: RealArray, numbers: ActionTable, number: int
     np.copyto(followed, q, where=numbers == number)
 
 
-def block_shape(model: AxisModel) -> tuple[int, int, int]:
+def block_shape(sub: SubMdp) -> tuple[int, int, int]:
     """Cells and columns of a block of the exogenous expectation, rows of a block of the rest."""
-    cells, rows, columns = model.shape
-    if cells * rows * columns <= MAX_BLOCK_ENTRIES:
+    cells, rows, columns = sub.shape
+    if sub.entries <= MAX_BLOCK_ENTRIES:
         return cells, columns, rows
     height, width = rows, columns
     while rows * width > MAX_BLOCK_ENTRIES and width > 16:
         width //= 2
     while height > 1 and cells * height * columns > MAX_BLOCK_ENTRIES:
-        height //= model.sub.threats if height == rows else 3
+        height //= sub.threats if height == rows else 3
     return max(1, min(cells, MAX_BLOCK_ENTRIES // (rows * width))), width, height
