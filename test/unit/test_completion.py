@@ -271,6 +271,25 @@ def test_goals_take_as_long_as_their_files_say():
     assert waiting(document) == pytest.approx([2.0, 10.0], rel=0.08)
 
 
+def test_a_task_drains_an_epoch_of_flight_for_each_epoch_that_it_takes():
+    """Of two and ten epochs, one level each, two in agile flight; 1,000 flights, 5 sigma."""
+    document = with_charge(case_study(1, 2), levels=400)
+    document['range']['charge']['drain'] = {'normal': [0.0, 1.0], 'agile': [0.0, 0.0, 1.0]}
+    document['goals'][0]['completion'], document['goals'][1]['completion'] = [0.5] * 8, [0.1] * 8
+    mission = read(document)
+    simulator, rng = simulation.Simulator(mission), np.random.default_rng(0)
+    for j, (action, levels, mean) in enumerate([(2, 1, 2), (6, 2, 20)]):
+        states = np.repeat(start_state(mission), 1000, axis=0)
+        states[:, -4] = mission.goals[j].cell
+        drained = np.zeros(len(states))
+        for epoch in range(1, 150):
+            transition = simulator.transition(states, np.full(len(states), action), rng)
+            drained[(drained == 0) & transition.completed[:, j]] = levels * epoch
+            states = transition.after
+            assert (states[:, 1] == 399 - levels * epoch).all()
+        assert drained.mean() == pytest.approx(mean, rel=0.16)
+
+
 def test_a_forecast_counts_modes_in_which_no_goal_can_be_done():
     """The sensor's failure stops the first goal, the actuator's the second one."""
     document = different(completion=[0.5, 0.5, *[0.0] * 6])

@@ -104,10 +104,12 @@ def until_done(chain, goal):
 
 @pytest.mark.parametrize(('name', 'goal'), [('field', 'survey_2'), ('dam', 'Crest')])
 def test_each_waypoint_is_passed_once_and_legs_are_straight(flown, name, goal):
+    """And once it has begun nothing else is commanded until the goal is done."""
     chain = flown(name)
-    points = waypoints_of(chain.mission, goal, HEIGHTS[name])
-    require_flown_once(until_done(chain, goal), points)
-    assert [command for _, command in chain.commands].count(f'commit {goal} normal') == 1
+    points, track = waypoints_of(chain.mission, goal, HEIGHTS[name]), until_done(chain, goal)
+    require_flown_once(track, points)
+    begun = track[visits(track, points)[0].first].time
+    assert not [command for time, command in chain.commands if begun < time < track[-1].time]
 
 
 def test_pictures_are_taken_as_the_plan_has_them(flown):
