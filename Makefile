@@ -43,11 +43,11 @@ demo: $(READY)
 # With ARGS such as "-k name" one of the two may have nothing to run, which pytest says with exit code 5.
 NONE_CHOSEN = $(if $(ARGS),|| test $$? -eq 5)
 
-# Unit tests share the processors; integration tests mostly wait, so four at a time, after them.
+# Unit tests share the processors; integration tests mostly wait, so six at a time, after them.
 test: $(READY)
-	@$(if $(ARGS),:,echo 'About ten minutes on two processors: 4 for the unit tests and 6 for the integration tests')
+	@$(if $(ARGS),:,echo 'About ten minutes on two processors: 5 for the unit tests and as many for the integration tests')
 	$(RUN) -m pytest test/unit test/property -n auto $(ARGS) $(NONE_CHOSEN)
-	$(RUN) -m pytest test/integration -n 4 $(ARGS) $(NONE_CHOSEN)
+	$(RUN) -m pytest test/integration -n 6 $(ARGS) $(NONE_CHOSEN)
 
 lint: $(READY)
 	$(RUN) -m ruff check

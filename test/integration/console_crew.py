@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from nav_msgs.msg import Odometry
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Error, Page, sync_playwright
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from ros_helpers import ROOT, NodeProcess, Ros
@@ -172,9 +172,12 @@ class Screen:
             self.elsewhere.add(url)
 
     def text(self, selector: str) -> str:
-        """What can be read in a part of the page; empty where there is no such part."""
-        found = self.page.locator(selector)
-        return (found.first.text_content(timeout=1000) or '') if found.count() else ''
+        """What can be read in a part of the page; empty without it, or while the page loads."""
+        try:
+            found = self.page.locator(selector).all_text_contents()
+        except Error:
+            return ''
+        return found[0] if found else ''
 
     def until(self, selector: str, text: str, limit: float = 20.0) -> None:
         """Wait until a part of the page says so."""
@@ -190,8 +193,8 @@ class Screen:
 
     def press(self, name: str) -> None:
         """Press a button once it can be; the vehicle goes on meanwhile."""
-        button = self.page.get_by_role('button', name=name)
-        self._ros.until(lambda: button.count() and button.is_enabled(), f'button {name}')
+        button = self.page.get_by_role('button', name=name, disabled=False)
+        self._ros.until(button.count, f'button {name}')
         button.click(timeout=5000)
 
     def confirm(self, button: str) -> None:
