@@ -23,7 +23,7 @@ GROUND = len(ON_GROUND)
 def mix(source, out, matrices):
     """Expectation along m axes of three of tables (blocks, 3^m, columns), outermost first."""
     blocks, rows, columns = source.shape
-    width = min(columns, max(16, MIXED_BYTES // (rows * source.itemsize)))
+    width = min(columns, max(32, MIXED_BYTES // (rows * source.itemsize)))
     scratch = np.empty((rows, width), source.dtype)
     for block in range(blocks):
         for first in range(0, columns, width):
@@ -169,8 +169,9 @@ def _stay(arrived, base, service, t, tables):
         parked[j] = base[j] + of_base
     for start in range(0, len(base), levels):
         for b in range(levels):
-            here = service[start + b]
             recharged[start + b] = service[start + tables.recharged[b]] + of_service
+        for b in range(levels):
+            here = service[start + b]
             repaired[start + b] = here + (service[b] - here) * p + of_service
 
 
