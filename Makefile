@@ -8,7 +8,7 @@ RUN = $(VENV)/bin/python
 # A venv belongs to the ROS it was made for: sourcing another one makes it anew.
 READY = $(VENV)/ready-$(or $(ROS_DISTRO),wheels)
 REQUIREMENTS = requirements.txt requirements-dev.txt requirements-cluster.txt requirements-page.txt \
-  requirements-plan.txt requirements-plot.txt requirements-record.txt
+  requirements-plan.txt requirements-plot.txt requirements-record.txt requirements-fast.txt
 ROS_WHEELS = requirements-ros-wheels.txt
 INSTALL = $(RUN) -m pip install --quiet --disable-pip-version-check
 

@@ -74,6 +74,7 @@ setup(
         'cluster': requirements('-cluster'),  # policy_build --scheduler.
         'page': requirements('-page'),  # console.
         'plan': requirements('-plan'),  # mission_new.
+        'fast': requirements('-fast'),  # Exact solutions of large missions, sooner.
         'plot': requirements('-plot'),  # mission_simulate --plot, plot_policy.
         'record': requirements('-record'),  # mission_record, mission_replay, mission_report.
     },

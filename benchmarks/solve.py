@@ -75,8 +75,8 @@ def _run(options: argparse.Namespace) -> dict[str, Any]:
             for name in PEERS
         },
         'compiled': {
-            (k, dtype): _measure('compiled', 300, k=k, dtype=dtype)
-            for k in (3, 5)
+            (k, battery, dtype): _measure('compiled', 300, k=k, battery=battery, dtype=dtype)
+            for k, battery in ((6, False), (7, True))
             for dtype in ('float64', 'float32')
         },
         'alternatives': {k: _measure('alternatives', 900, k=k) for k in EXPLICIT_GOALS},

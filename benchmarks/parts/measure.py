@@ -21,6 +21,7 @@ from parts.missions import case_study, with_battery
 from parts.peers import PEERS, TOLERANCE
 from uav_mission_manager.mdp import Mission
 from uav_mission_manager.mdp.arrays import FloatArray, IntArray
+from uav_mission_manager.policy.prediction import exact_bytes
 from uav_mission_manager.solver.exact import AxisModel, LookAhead, value_iteration
 from uav_mission_manager.solver.submdp import goal_sub_mdps, whole_mission
 
@@ -73,6 +74,7 @@ def ours(k: int, precision: str, repeats: int, battery: bool = False) -> dict[st
         'entries': sub.entries,
         'seconds': seconds,
         'memory': _peak() - before,
+        'predicted': exact_bytes(sub, precision) / 2**20,
         'sweeps': solution.iterations,
         'bound': solution.upper,
     }

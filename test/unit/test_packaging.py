@@ -37,7 +37,7 @@ ROSDEP_KEYS = {
 OPTIONAL = {'threadpoolctl'}  # rosdep has no key for it.
 OF_AN_EXTRA = {  # Whoever needs one asks for it.
     *('shapely', 'defusedxml', 'matplotlib', 'rosbags'),
-    *('nicegui', 'fastapi', 'uvicorn'),
+    *('nicegui', 'fastapi', 'uvicorn', 'numba'),
 }
 PYPI_NAMES = {'yaml': 'pyyaml', 'serial': 'pyserial'}  # Where the import is called otherwise.
 
@@ -170,6 +170,7 @@ def test_every_command_says_the_version(command, capsys):
         ('cluster', '-cluster'),
         ('page', '-page'),
         ('plan', '-plan'),
+        ('fast', '-fast'),
         ('plot', '-plot'),
         ('record', '-record'),
     ],

@@ -13,7 +13,7 @@ import numpy as np
 from uav_mission_manager.mdp.arrays import RealArray
 from uav_mission_manager.solver.exact.axis_model import AxisModel, hull
 from uav_mission_manager.solver.exact.expectations import ExogenousTables
-from uav_mission_manager.solver.exact.kernels import back_up, mix
+from uav_mission_manager.solver.exact.kernels import back_up, mix_axes
 from uav_mission_manager.solver.threads import share
 
 
@@ -64,7 +64,7 @@ class CompiledSweep:
         """Expectation over t' and the outer g' in a cell."""
         matrices = self._stack([self.tables.threat[cell], *self.priorities[: self.outer]])
         axes = 1, 3 ** len(matrices), -1
-        mix(self.values[cell].reshape(axes), self.expected.open[cell].reshape(axes), matrices)
+        mix_axes(self.values[cell].reshape(axes), self.expected.open[cell].reshape(axes), matrices)
 
     def _expect_completed(self, _: int, slot: int) -> None:
         """Expectation over t' and all other g' where a goal is completed."""
@@ -78,9 +78,9 @@ class CompiledSweep:
         else:
             del inner[slot - self.outer]
         table = out.reshape(1, 3 ** len(outer), -1)
-        mix(table, table, self._stack(outer))
+        mix_axes(table, table, self._stack(outer))
         table = out.reshape(3 ** len(outer), 3 ** len(inner), -1)
-        mix(table, table, self._stack(inner))
+        mix_axes(table, table, self._stack(inner))
 
     def _stack(self, matrices: list[RealArray]) -> RealArray:
         return np.array(matrices, self.values.dtype).reshape(-1, 3, 3)

@@ -14,16 +14,16 @@ from numba import njit
 from uav_mission_manager.mdp.dynamics import ON_GROUND
 
 MIXED_BYTES = 1 << 18
-"""What `mix` works on at a time: a choice; second caches hold it."""
+"""What `mix_axes` works on at a time: a choice; second caches hold it."""
 
 GROUND = len(ON_GROUND)
 
 
 @njit(nogil=True)
-def mix(source, out, matrices):
+def mix_axes(source, out, matrices):
     """Expectation along m axes of three of tables (blocks, 3^m, columns), outermost first."""
     blocks, rows, columns = source.shape
-    width = min(columns, max(16, MIXED_BYTES // (rows * source.itemsize)))
+    width = min(columns, max(32, MIXED_BYTES // (rows * source.itemsize)))
     scratch = np.empty((rows, width), source.dtype)
     for block in range(blocks):
         for first in range(0, columns, width):
@@ -57,7 +57,7 @@ def back_up(values, first, further, expected, completed, inner, tables):
     n, joint, height = len(completed), rows // 3, 3 ** len(inner)
     for cell in range(q):
         block = expected[cell, first : first + height].reshape(1, height, columns)
-        mix(block, block, inner)
+        mix_axes(block, block, inner)
     flown = np.empty((2, q + n, columns), values.dtype)
     arrived = np.empty((2 * q + GROUND + 2 * n, columns), values.dtype)
     least, room = np.empty(columns, values.dtype), np.empty((q + n) * columns, values.dtype)
@@ -169,8 +169,9 @@ def _stay(arrived, base, service, t, tables):
         parked[j] = base[j] + of_base
     for start in range(0, len(base), levels):
         for b in range(levels):
-            here = service[start + b]
             recharged[start + b] = service[start + tables.recharged[b]] + of_service
+        for b in range(levels):
+            here = service[start + b]
             repaired[start + b] = here + (service[b] - here) * p + of_service
 
 
