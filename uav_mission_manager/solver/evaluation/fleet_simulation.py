@@ -82,11 +82,12 @@ def simulate_fleets(
     Of generators in the same state, fleets that differ only in how they decide meet with the
     same luck.
     """
-    simulator, plan = FleetSimulator(planner.mission), None
+    simulator, pursued = FleetSimulator(planner.mission), None
     states = np.asarray(fleets, np.int64)
     total, weight = np.zeros(len(states)), 1.0
     for _ in range(epochs):
-        plan = planner.plan(states, plan, assignment)
+        plan = planner.plan(states, pursued, assignment)
+        pursued = plan.pursued
         total += weight * simulator.costs(states, plan.actions)
         states = simulator.step(states, plan.actions, rng)
         weight *= planner.mission.discount
