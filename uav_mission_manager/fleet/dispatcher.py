@@ -1,4 +1,4 @@
-"""The fleet's base station without ROS: one request for all, shared out as one for each vehicle."""
+"""The fleet's base station without ROS: one request for all becomes one for each vehicle."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from uav_mission_manager.fleet.reports import FleetSettings, VehicleReport, roles
 from uav_mission_manager.fleet.sharing import FleetDecision, share_goals
-from uav_mission_manager.mdp import Mission, StateSpace
+from uav_mission_manager.mdp import StateSpace
 from uav_mission_manager.mdp.charge import RangeFlags
 from uav_mission_manager.onboard.priority_request import PriorityRequest
 from uav_mission_manager.solver.recombination import FleetPlanner
@@ -24,7 +24,7 @@ class FleetDispatcher:
 
     Parameters
     ----------
-    mission : Mission
+    planner : FleetPlanner
     vehicles : sequence of str
     settings : FleetSettings
     memory : mapping, optional
@@ -32,6 +32,10 @@ class FleetDispatcher:
 
     Attributes
     ----------
+    mission : Mission
+    goals : tuple of str
+        Their names.
+    settings : FleetSettings
     wish : PriorityRequest
         What is asked of the fleet.
     requests : dict of str to PriorityRequest
@@ -48,16 +52,15 @@ class FleetDispatcher:
 
     def __init__(
         self,
-        mission: Mission,
+        planner: FleetPlanner,
         vehicles: Sequence[str],
         settings: FleetSettings,
         memory: Mapping[str, Any] | None = None,
     ) -> None:
-        self.mission, self.settings = mission, settings
+        mission = planner.mission
+        self.mission, self.settings, self._planner = mission, settings, planner
         self.goals = tuple(goal.name for goal in mission.goals)
         self._flags, self._space = RangeFlags(mission), StateSpace.of(mission)
-        start = (1, *self._space.charged, *(2,) * mission.k, mission.grid.base, 0, 0, 0)
-        self._planner = FleetPlanner(mission, [start])
         self.reports = {vehicle: VehicleReport() for vehicle in vehicles}
         self.decision = FleetDecision((), {})
         self._decided_on: object = None
@@ -73,9 +76,8 @@ class FleetDispatcher:
             'vehicles': {vehicle: each.memory for vehicle, each in self.requests.items()},
         }
 
-    def ask(self, priorities: Sequence[int], request: str) -> None:
-        """Ask the fleet for goals; what vehicles could not fly to is tried again."""
-        self.wish.ask(priorities, request)
+    def forget_refusals(self) -> None:
+        """After a new request, let vehicles try again what they could not fly to."""
         for vehicle, report in self.reports.items():
             self.reports[vehicle] = replace(report, refused=frozenset())
 
@@ -85,11 +87,13 @@ class FleetDispatcher:
             request.complete(goal)
         return self.wish.complete(goal)
 
-    def refuse(self, vehicle: str, goal: str) -> None:
-        """Take note that a vehicle could not fly to a goal."""
-        if goal in self.goals:
-            report = self.reports[vehicle]
-            self.reports[vehicle] = report.with_refused(self.goals.index(goal))
+    def refuse(self, vehicle: str, goal: str) -> bool:
+        """Take note that a vehicle could not fly to a goal; return whether that is new."""
+        report = self.reports[vehicle]
+        if goal not in self.goals or self.goals.index(goal) in report.refused:
+            return False
+        self.reports[vehicle] = report.with_refused(self.goals.index(goal))
+        return True
 
     def step(self, now: float, new_id: Callable[[], str]) -> list[str]:
         """Decide, if anything has changed; return the vehicles that are asked for something new.

@@ -78,9 +78,7 @@ class VehicleReport:
     def with_bridge(self, disobedience: str, altitude: float, now: float) -> VehicleReport:
         """Return what is known with a word of its bridge."""
         obeyed_at = self.obeyed_at if disobedience else now
-        return replace(
-            self, disobedience=disobedience, altitude=altitude, obeyed_at=obeyed_at
-        )
+        return replace(self, disobedience=disobedience, altitude=altitude, obeyed_at=obeyed_at)
 
     def with_refused(self, goal: int) -> VehicleReport:
         """Return what is known with a goal that it could not fly to."""

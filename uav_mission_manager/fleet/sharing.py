@@ -81,7 +81,11 @@ def share_goals(
     settings : FleetSettings
     """
     goals = planner.mission.goals
-    taking_part = [v for v, (role, _) in parts.items() if _takes_part(role, had[v], wanted)]
+    taking_part = [
+        v
+        for v, (role, _) in parts.items()
+        if role is Role.READY or (role is Role.AWAITED and _goes_on(had[v], wanted, reports[v]))
+    ]
     words = {vehicle: why or 'no goal is wanted' for vehicle, (_, why) in parts.items()}
     given = dict.fromkeys(parts, -1)
     left = {goals[j].name: 'no vehicle is ready' for j, g in enumerate(wanted) if g}
@@ -107,13 +111,12 @@ def share_goals(
     return FleetDecision(tuple(shares), left)
 
 
-def _takes_part(role: Role, goal: int, wanted: Sequence[int]) -> bool:
-    return role is Role.READY or (role is Role.AWAITED and goal >= 0 and wanted[goal] > 0)
+def _goes_on(goal: int, wanted: Sequence[int], report: VehicleReport) -> bool:
+    """Whether a vehicle may keep the goal that it had."""
+    return goal >= 0 and wanted[goal] > 0 and goal not in report.refused
 
 
-def _states(
-    mission: Mission, wanted: Sequence[int], reports: Sequence[VehicleReport]
-) -> IntArray:
+def _states(mission: Mission, wanted: Sequence[int], reports: Sequence[VehicleReport]) -> IntArray:
     """The states of n vehicles, the fleet's priorities in each, (n, 2k+5)."""
     states = np.array([report.state for report in reports])
     StateSpace.of(mission).split(states).g[:] = wanted

@@ -154,4 +154,3 @@ def matching(
                 best, matched = gained, np.full(agents, -1)
                 matched[rows] = slots[places]
     return matched
-

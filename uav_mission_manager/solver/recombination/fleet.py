@@ -109,8 +109,9 @@ class FleetPlanner:
     Parameters
     ----------
     mission : Mission
-    agents : int array (n, 2k+5)
-        States at hand, by which the sub-MDPs are ranked to be solved.
+    agents : int array (n, 2k+5), optional
+        States at hand, by which the sub-MDPs are ranked to be solved; by default one at the base,
+        nominal and charged, with all goals wanted.
     rules : FleetRules, optional
         Those of the mission, if not given.
     known : mapping, optional
@@ -138,7 +139,7 @@ class FleetPlanner:
     def __init__(
         self,
         mission: Mission,
-        agents: ArrayLike,
+        agents: ArrayLike | None = None,
         rules: FleetRules | None = None,
         known: Mapping[SubMdp, LocalPolicy] | None = None,
     ) -> None:
@@ -148,6 +149,8 @@ class FleetPlanner:
         self._score = PriorityScore(mission, self.rules.weights)
         to_goals = [distances(mission.grid, goal.cell) for goal in mission.goals]
         self._distances = np.stack(to_goals, axis=1)
+        if agents is None:
+            agents = [(1, *self._space.charged, *(2,) * mission.k, mission.grid.base, 0, 0, 0)]
         order = ranked(self._scores(self._checked(np.asarray(agents)[None])))[0].tolist()
         self.order = tuple(mission.goals[j].name for j in order)
         subs = goal_sub_mdps(mission)
