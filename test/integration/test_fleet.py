@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -13,10 +12,10 @@ from pymavlink import mavutil
 from ros_helpers import ROOT, NodeProcess, Ros, free_port
 from std_msgs.msg import String, UInt8MultiArray
 
-from uav_mission_manager import build_policy, load_mission
+from uav_mission_manager.mdp import load_mission
 from uav_mission_manager.nodes import qos
 
-MISSION = ROOT / 'config' / 'fleet.yaml'
+MISSION, POLICY = ROOT / 'config' / 'fleet.yaml', ROOT / 'policies' / 'fleet'
 SPEEDUP = 8.0
 LOST_AFTER = 4.0
 BRIDGE = {
@@ -37,7 +36,7 @@ def parameters(**values: object) -> list[str]:
 class Vehicle:
     """The processes of one vehicle, and the ground crew's link to it."""
 
-    def __init__(self, ros: Ros, number: int, policy: Path, done: list[str]) -> None:
+    def __init__(self, ros: Ros, number: int, done: list[str]) -> None:
         self.ros, self.number, self.name = ros, number, f'/uav{number}'
         port, crew = free_port(), free_port()
         self.link = mavutil.mavlink_connection(f'udpin:127.0.0.1:{crew}', source_system=255)
@@ -55,7 +54,7 @@ class Vehicle:
                 *parameters(**BRIDGE, **bridge, flight_altitude=10.0 + 10.0 * number),
                 *namespace,
             ),
-            ros.start('nodes.manager', *parameters(**MANAGER, policy=policy), *namespace),
+            ros.start('nodes.manager', *parameters(**MANAGER, policy=POLICY), *namespace),
         ]
         ros.node.create_subscription(
             String, f'{self.name}/goal_completed', lambda m: done.append(m.data), qos.EVENT
@@ -97,20 +96,14 @@ class Vehicle:
 
 
 @pytest.fixture
-def policy(tmp_path: Path) -> Path:
-    build_policy(load_mission(MISSION), 'split').save(tmp_path / 'policy')
-    return tmp_path / 'policy'
-
-
-@pytest.fixture
 def done() -> list[str]:
     """Goals completed by whichever vehicle, in their order."""
     return []
 
 
 @pytest.fixture
-def vehicles(ros: Ros, policy: Path, done: list[str]) -> Iterator[list[Vehicle]]:
-    found = [Vehicle(ros, n, policy, done) for n in (1, 2, 3)]
+def vehicles(ros: Ros, done: list[str]) -> Iterator[list[Vehicle]]:
+    found = [Vehicle(ros, n, done) for n in (1, 2, 3)]
     yield found
     for vehicle in found:
         vehicle.link.close()
@@ -122,13 +115,11 @@ def level_of(messages: list[DiagnosticArray], name: str) -> tuple[bytes, str]:
     return (found[-1].level, found[-1].message) if found else (DiagnosticStatus.STALE, '')
 
 
-def test_all_goals_are_done_once(
-    ros: Ros, vehicles: list[Vehicle], policy: Path, done: list[str]
-) -> None:
+def test_all_goals_are_done_once(ros: Ros, vehicles: list[Vehicle], done: list[str]) -> None:
     names = [goal.name for goal in load_mission(MISSION).goals]
     diagnostics = ros.listen('/diagnostics', DiagnosticArray, qos.RELIABLE)
     station = ros.start(
-        'nodes.fleet', *parameters(mission=MISSION, policy=policy, lost_after=LOST_AFTER)
+        'nodes.fleet', *parameters(mission=MISSION, policy=POLICY, lost_after=LOST_AFTER)
     )
     one, two, three = vehicles
 
