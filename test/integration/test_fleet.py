@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterator
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from pymavlink import mavutil
 from ros_helpers import ROOT, NodeProcess, Ros, free_port
 from std_msgs.msg import String, UInt8MultiArray
@@ -107,6 +107,75 @@ def vehicles(ros: Ros, done: list[str]) -> Iterator[list[Vehicle]]:
     yield found
     for vehicle in found:
         vehicle.link.close()
+
+
+def test_there_is_one_base_station_a_vehicle(ros: Ros) -> None:
+    station = ros.start('nodes.base_station', '--ros-args', '-r', '__ns:=/uav2')
+    heard = ros.listen('/uav2/presence/base_station', String, qos.EVENT)
+    ros.until(lambda: len(heard) > 1, 'the base station')
+    fleet = ros.start('nodes.fleet', '--ros-args', '-p', 'listening_time:=60.0')
+    assert fleet.wait() == 1
+    [line] = fleet.lines('FATAL')
+    assert 'another base_station is in /uav2' in line
+    assert station.process.poll() is None
+
+
+def test_it_goes_on_after_it_was_killed(ros: Ros) -> None:
+    heard = ros.listen('/uav1/goal_priorities', UInt8MultiArray, qos.LATCHED)
+    first = ros.start('nodes.fleet', '--ros-args', '-p', 'vehicles:=[uav1]')
+    ros.until(lambda: heard, 'the first request, for nothing')
+    assert ros.set_parameter('fleet', 'priorities', [1, 2, *[0] * 7]).successful
+    state = [1, *[1] * 9, *[0] * 9, 0, 0, 0, 0]
+    decision = DiagnosticStatus(
+        name='/uav1/manager: decision',
+        message='no goal is wanted',
+        values=[
+            KeyValue(key='state', value=' '.join(map(str, state))),
+            KeyValue(key='values', value=''),
+        ],
+    )
+    facts = {'link': 'up', 'phase': 'en route', 'armed': 'True', 'flight_altitude': '20.0'}
+    bridge = DiagnosticStatus(
+        name='/uav1/mavlink_bridge: autopilot',
+        values=[KeyValue(key=key, value=value) for key, value in facts.items()],
+    )
+    array = DiagnosticArray(status=[decision])
+    ros.repeat('/uav1/manager/decision', lambda: array, qos.LATCHED)
+    ros.repeat('/diagnostics', lambda: DiagnosticArray(status=[bridge]), qos.RELIABLE)
+    ros.until(lambda: any(heard[-1].data), 'a goal')
+    [goal] = [j for j, g in enumerate(heard[-1].data) if g]
+    before = heard[-1].layout.dim[0].label
+    done = ('gate', 'roof')[goal]
+    ros.publish('/uav1/goal_completed', String(data=done), qos.EVENT)
+    ros.until(lambda: heard[-1].layout.dim[0].label != before, 'the next goal')
+    last = heard[-1]
+    assert [j for j, g in enumerate(last.data) if g] == [1 - goal]
+    first.kill()
+    heard.clear()
+    again = ros.start('nodes.fleet', '--ros-args', '-p', 'vehicles:=[uav1]')
+    ros.until(lambda: len(heard) > 2, 'the one after it')
+    assert {m.layout.dim[0].label for m in heard} == {last.layout.dim[0].label}
+    assert {tuple(m.data) for m in heard} == {tuple(last.data)}
+    assert f'achieved: {done}' in again.output
+    assert again.stop() == 0
+
+
+@pytest.mark.parametrize(
+    ('parameter', 'words'),
+    [
+        ('assignment:=best', "parameter assignment: 'best' is none of queue, optimal"),
+        ('vehicles:=[uav1, /uav1/]', 'parameter vehicles: /uav1 is there twice'),
+        ('vehicles:=[1st]', "parameter vehicles: '/1st' is no namespace"),
+        ('lost_after:=1.0', 'parameter lost_after'),
+        (f'policy:={ROOT}/policies/case_study', 'mission'),
+    ],
+)
+def test_a_bad_parameter_ends_the_start_in_one_line(ros: Ros, parameter: str, words: str) -> None:
+    node = ros.start('nodes.fleet', '--ros-args', '-p', parameter)
+    assert node.wait() == 1
+    [line] = node.output.splitlines()
+    assert 'FATAL' in line
+    assert words in line
 
 
 def level_of(messages: list[DiagnosticArray], name: str) -> tuple[bytes, str]:

@@ -18,7 +18,11 @@ from strategies import case_study, lively, missions, pick_states
 from test_recombination import GoalSubMdp, optimum, recombination, seen_by
 
 from uav_mission_manager.mdp import StateError, StateSpace, mission_from_dict
-from uav_mission_manager.solver.evaluation.fleet_simulation import FleetSimulator, simulate_fleets
+from uav_mission_manager.solver.evaluation.fleet_simulation import (
+    FleetSimulator,
+    Losses,
+    simulate_fleets,
+)
 from uav_mission_manager.solver.exact import value_iteration
 from uav_mission_manager.solver.greedy import choose
 from uav_mission_manager.solver.recombination import (
@@ -612,3 +616,51 @@ def test_fleets_that_decide_differently_meet_with_the_same_luck():
     assert after[0] == after[1]
     assert np.array_equal(costs[0], costs[2])
     assert not np.array_equal(costs[0], costs[1])
+
+
+class Journal:
+    """Notes what a simulation asks to decide, and lets the planner do so."""
+
+    def __init__(self, found):
+        self.found, self.asked = found, []
+
+    def __call__(self, states, pursued, kept, barred):
+        self.asked.append((states.copy(), pursued, kept, barred))
+        return self.found.plan(states, pursued, kept=kept, barred=barred)
+
+
+def test_a_lost_uav_keeps_its_goal_until_it_is_noticed_and_never_acts():
+    document = {**case_study(), 'priority_transition': [list(row) for row in STANDING]}
+    mission = mission_from_dict(document, 'test')
+    found = planner(mission, FleetRules(threshold=1e-9))
+    fleets = np.repeat(at_base(2, [2, 1, 1]), 30, axis=0)
+    losses, journal, seen = Losses(np.tile([1, 50], (30, 1)), 2), Journal(found), []
+    rng = np.random.default_rng(0)
+    simulate_fleets(found, fleets, 12, rng, losses=losses, decide=journal, watch=seen.append)
+    assert len(seen) == 13
+    first = found.plan(fleets).pursued
+    assert (first == [0, 1]).all()
+    for epoch, (states, pursued, kept, barred) in enumerate(journal.asked):
+        lost = epoch >= 1
+        assert barred[:, 0].all() == barred[:, 0].any() == lost
+        assert not barred[:, 1].any()
+        open_ = states[:, 0, 4] > 0
+        assert (kept[:, 0] == np.where(open_ & (epoch in (1, 2)), 0, -1)).all()
+        assert (kept[:, 1] == -1).all()
+        if lost:  # Nominal, out of range, at the base, uncommitted, calm, normal.
+            assert (states[:, 0, [0, 1, 2, 3, 7, 8, 9, 10]] == [1, 0, 0, 0, 0, 0, 0, 0]).all()
+        if epoch >= 3:
+            assert (pursued[:, 0] == -1).all() or epoch == 3
+    # The other one does the first goal too, when it is noticed that nobody does.
+    assert (seen[3][:, 0, 4] == 2).all()
+    assert (seen[12][:, 0, 4] == 0).any()
+
+
+def test_nobody_lost_is_as_without_losses():
+    found, start = planner(), pick_fleets(CASE_STUDY, 20, 3)
+    never = Losses(np.full((20, 3), 20), 1)
+    plain, same = (
+        simulate_fleets(found, start, 20, np.random.default_rng(3), 'optimal', losses=losses)
+        for losses in (None, never)
+    )
+    assert np.array_equal(plain, same)

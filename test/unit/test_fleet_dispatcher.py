@@ -27,10 +27,10 @@ class Station:
 
     def __init__(self, planner=PLANNER, vehicles=VEHICLES, memory=None, **changes) -> None:
         changed = FleetSettings(lost_after=LOST, **changes)
-        self.dispatcher = FleetDispatcher(planner, vehicles, changed, memory)
+        self.now = 100.0
+        self.dispatcher = FleetDispatcher(planner, vehicles, changed, self.now, memory)
         self.heights = {v: 20.0 + 10.0 * n for n, v in enumerate(vehicles)}
         self.ids = map(str, itertools.count())
-        self.now = 100.0
 
     def hear(self, vehicle, cell=0, f=1, ranges=(1, 1, 1), disobedience='', silence=''):
         state = () if silence else (f, *ranges, 0, 0, 0, cell, 0, 0, 0)
@@ -227,11 +227,16 @@ def test_one_that_is_started_again_goes_on():
     before = station.given()
     again = Station(memory=station.dispatcher.memory)
     assert again.dispatcher.wish.achieved == ['goal2']
-    assert {v: list(r.priorities) for v, r in again.dispatcher.requests.items()} == before
+    # Before it hears of them, too.
+    assert again.step() == []
+    assert again.given() == before
+    assert again.share('a').role is Role.AWAITED
     for vehicle, cell in (('a', 0), ('b', 3)):
         again.hear(vehicle, cell)
     assert again.step() == []
     assert again.dispatcher.memory == station.dispatcher.memory
+    again.now += LOST + 0.1
+    assert again.goals() == []
 
 
 def best_sum(states, wanted, barred):

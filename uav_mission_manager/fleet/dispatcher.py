@@ -27,8 +27,11 @@ class FleetDispatcher:
     planner : FleetPlanner
     vehicles : sequence of str
     settings : FleetSettings
+    now : float
+        Time [s], on the clock of the reports.
     memory : mapping, optional
-        What `memory` said of one for the same goals and grid: this one goes on from there.
+        What `memory` said of one for the same goals and grid: this one goes on from there, and
+        awaits the vehicles that were heard before.
 
     Attributes
     ----------
@@ -55,18 +58,23 @@ class FleetDispatcher:
         planner: FleetPlanner,
         vehicles: Sequence[str],
         settings: FleetSettings,
+        now: float,
         memory: Mapping[str, Any] | None = None,
     ) -> None:
         mission = planner.mission
         self.mission, self.settings, self._planner = mission, settings, planner
         self.goals = tuple(goal.name for goal in mission.goals)
         self._flags, self._space = RangeFlags(mission), StateSpace.of(mission)
-        self.reports = {vehicle: VehicleReport() for vehicle in vehicles}
         self.decision = FleetDecision((), {})
         self._decided_on: object = None
-        kept = {} if memory is None else memory['vehicles']
-        self.wish = PriorityRequest(self.goals, memory and memory['fleet'])
+        memory = memory or {'fleet': None, 'vehicles': {}, 'states': {}}
+        kept, states = memory['vehicles'], memory['states']
+        self.wish = PriorityRequest(self.goals, memory['fleet'])
         self.requests = {v: PriorityRequest(self.goals, kept.get(v)) for v in vehicles}
+        self.reports = {
+            v: VehicleReport.awaited(tuple(states[v]), now) if v in states else VehicleReport()
+            for v in vehicles
+        }
 
     @property
     def memory(self) -> dict[str, Any]:
@@ -74,6 +82,7 @@ class FleetDispatcher:
         return {
             'fleet': self.wish.memory,
             'vehicles': {vehicle: each.memory for vehicle, each in self.requests.items()},
+            'states': {v: list(each.state) for v, each in self.reports.items() if each.state},
         }
 
     def forget_refusals(self) -> None:

@@ -69,6 +69,11 @@ class VehicleReport:
     altitude: float = math.nan
     refused: frozenset[int] = frozenset()
 
+    @classmethod
+    def awaited(cls, state: tuple[int, ...], now: float) -> VehicleReport:
+        """Return what is known of a vehicle that was heard by the station before this one."""
+        return cls(state, decided_at=now, silence='not heard yet', obeyed_at=now)
+
     def with_decision(self, state: tuple[int, ...], silence: str, now: float) -> VehicleReport:
         """Return what is known with a word of its manager; no state is no decision."""
         if not state:

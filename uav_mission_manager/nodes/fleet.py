@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 import sys
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import Header, UInt8MultiArray
 
 from uav_mission_manager.echo import quoted
 from uav_mission_manager.fleet import FleetDispatcher, FleetSettings, Role, VehicleShare
-from uav_mission_manager.mdp import load_mission
+from uav_mission_manager.mdp import StateSpace, load_mission
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.clocks import safety_clock, seconds
 from uav_mission_manager.nodes.command_outputs import NO_PUBLISHER_EVENTS
@@ -121,10 +122,13 @@ class FleetStation(ManagedNode):
         p, mission = self._settings, self._planner.mission
         self._journal = open_journal(self, p.state_dir, 'fleet', mission)
         memory, trouble = last_state(self._journal)
+        if memory is not None and not self._fits(memory):
+            memory, trouble = None, f'{self._journal.path}: of a mission with other variables'
         if trouble:
             self.get_logger().warning(f'{trouble}; not used: nothing was asked for')
         self._dispatcher = FleetDispatcher(
-            self._planner, self._vehicles, self._fleet_settings, memory
+            *(self._planner, self._vehicles, self._fleet_settings),
+            *(seconds(self._steady), memory),
         )
         self._told: tuple[VehicleShare, ...] = ()
         self._requests = {
@@ -158,6 +162,11 @@ class FleetStation(ManagedNode):
         if self._journal is not None:
             self._journal.close()
         self._parameter = self._journal = None
+
+    def _fits(self, memory: dict[str, Any]) -> bool:
+        """Whether the states in it are the mission's: a charge takes the place of range flags."""
+        lengths = {len(state) for state in memory['states'].values()}
+        return lengths <= {len(StateSpace.of(self._planner.mission).shape)}
 
     @property
     def _fleet_settings(self) -> FleetSettings:
