@@ -351,16 +351,21 @@ def test_matching_is_the_best_of_all(agents, goals, data):
         float,
     )
     need = np.array(data.draw(st.lists(st.integers(1, agents), min_size=goals, max_size=goals)))
-    matched = matching(gains, np.arange(goals), need)
+    pairs = st.tuples(st.integers(0, agents - 1), st.integers(0, goals - 1))
+    barred = np.zeros(gains.shape, bool)
+    barred[tuple(zip(*data.draw(st.sets(pairs, min_size=1))))] = data.draw(st.booleans())
+    matched = matching(gains, np.arange(goals), need, barred)
 
     def worth(choice):
-        """What a choice gains; None where a goal gets too few or too many."""
+        """What a choice gains; None where a goal gets too few, too many or who is barred."""
+        if any(j >= 0 and barred[k, j] for k, j in enumerate(choice)):
+            return None
         filled = Counter(j for j in choice if j >= 0)
         if any(count != need[j] for j, count in filled.items()):
             return None
         return sum(gains[k, j] / need[j] for k, j in enumerate(choice) if j >= 0)
 
-    assert (matched >= 0).any()
+    assert (matched >= 0).any() or barred.any()
     values = map(worth, itertools.product(range(-1, goals), repeat=agents))
     assert worth(matched) == pytest.approx(max(v for v in values if v is not None))
 

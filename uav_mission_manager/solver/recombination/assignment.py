@@ -20,6 +20,9 @@ import scipy
 from uav_mission_manager.mdp.arrays import BoolArray, FloatArray, IntArray
 from uav_mission_manager.mdp.fleet_rules import Limits
 
+NOTHING = 1e-9
+"""Gain below which a match is none: a choice, far below any cost of a mission."""
+
 
 class Board:
     """Decisions for N fleets of n agents and k goals in the making.
@@ -144,7 +147,7 @@ def matching(
             slots = np.concatenate([np.repeat(team, need[team]), alone])
             parts = gains[:, slots] / need[slots]
             gain = parts + bonus * (need[slots] > 1)
-            gain[barred[:, slots]] = -bonus * (2 * agents + 1)  # More than all others can gain.
+            gain[barred[:, slots]] = -NOTHING  # As if not matched, and after all that may be.
             rows, places = scipy.optimize.linear_sum_assignment(gain, maximize=True)
             may = ~barred[rows, slots[places]]
             rows, places = rows[may], places[may]
