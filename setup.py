@@ -22,6 +22,7 @@ COMMANDS = {
     'mission_record': 'nodes.mission_record',
     'mavlink_bridge': 'nodes.mavlink_bridge',
     'base_station': 'nodes.base_station',
+    'fleet': 'nodes.fleet',
     'console': 'nodes.console',
     'sim_autopilot': 'autopilot.sim_autopilot',
 }

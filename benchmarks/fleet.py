@@ -14,12 +14,15 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from parts import pages
+from parts import losses, pages
 from parts.missions import case_study
+from parts.rollouts import EPOCHS as ROLLOUT_EPOCHS
+from parts.rollouts import SAMPLES, Rollouts
 
-from uav_mission_manager import build_policy
+from uav_mission_manager import build_policy, load_mission
 from uav_mission_manager.mdp import Mission
 from uav_mission_manager.mdp.arrays import FloatArray, IntArray
+from uav_mission_manager.paths import share_directory
 from uav_mission_manager.solver.evaluation.fleet_simulation import simulate_fleets
 from uav_mission_manager.solver.evaluation.occupancy import starts_at_base
 from uav_mission_manager.solver.recombination import FleetPlanner, FleetRules
@@ -54,7 +57,7 @@ def main() -> int:
         sections += [f'## {title}\n\n{_table(found)}', _summary(found)]
         if mission is case_study and (3, 1) in found:
             sections.append(_optimum(found[3, 1]))
-    sections.append(_times())
+    sections += [_losses(), _rollouts(), _times()]
     pages.publish(pages.folder(options) / 'fleet.md', 'Fleets', sections)
     return 0
 
@@ -89,7 +92,7 @@ def saved(costs: Costs) -> tuple[float, float]:
     """What the optimal assignment saves of the better queue's cost, and its 95 % interval [%]."""
     queue = min((costs['queue'], costs['queue, 0.5']), key=np.mean)
     difference, whole = queue - costs['optimal'], queue.mean() / 100
-    error = difference.std(ddof=1) / math.sqrt(FLEETS)
+    error = difference.std(ddof=1) / math.sqrt(len(difference))
     return float(difference.mean() / whole), float(1.96 * error / whole)
 
 
@@ -145,6 +148,73 @@ def _optimum(costs: Costs) -> str:
     return f"""\
 The optimal policy of one UAV with three goals costs {values.mean():.1f} from these starts. That
 counts the future after the simulated epochs too, which is discounted by {rest:.1g}."""
+
+
+def _losses() -> str:
+    """The node's mission, with a UAV lost and without."""
+    mission, rows = load_mission(share_directory() / 'config' / 'fleet.yaml'), []
+    known, told = FleetPlanner(mission).known, []
+    for uavs, lost in itertools.product((2, 3, 4), (False, True)):
+        flown = {}
+        for name, (rules, assignment) in DECISIONS.items():
+            planner = FleetPlanner(mission, None, rules, known)
+            who = losses.one_lost(uavs) if lost else None
+            flown[name] = losses.fly(planner, uavs, assignment, who)
+            rows.append([uavs, 'one' if lost else 'none', name, *flown[name].words()])
+        share, error = saved({name: outcome.costs for name, outcome in flown.items()})
+        told.append(f'{share:.1f} ± {error:.1f} % with {uavs} UAVs and {int(lost)} lost')
+    table = pages.table(['UAVs', 'lost', 'decision', 'cost', 'epochs until all are done'], rows)
+    return f"""## Nine goals, with losses and recharges
+
+The mission of `config/fleet.yaml` without its rules, every goal asked for at once,
+{losses.SEEDS} seeds of {losses.EPOCHS} epochs, with 95 % confidence intervals. Ranges are lost,
+and UAVs fail, are recharged and repaired, as the mission says. One UAV is lost for good in an
+epoch from {losses.FIRST_LOSS} to {losses.LAST_LOSS - 1}; for an epoch it still counts as acting
+for its goal, as with `lost_after` of the node `fleet`, whose assignment by default is *optimal*. A
+lost UAV counts as out of range of all goals, which costs the same whoever decides.
+
+{table}
+
+The optimal assignment saves of the better queue's cost, seed by seed:
+{'; '.join(told)}."""
+
+
+def rolled(mission: Mission, uavs: int) -> tuple[losses.Outcome, losses.Outcome, float]:
+    """All goals flown by the optimal assignment and by rollouts; time of a decision [s]."""
+    planner = FleetPlanner(mission)
+    best = losses.fly(planner, uavs, 'optimal')
+    begin = time.perf_counter()
+    other = losses.fly(planner, uavs, decide=Rollouts(planner))
+    return best, other, (time.perf_counter() - begin) / losses.EPOCHS / losses.SEEDS
+
+
+def _rollouts() -> str:
+    """The optimal assignment beside the best of a few by rollouts."""
+    near, rows, shares = load_mission(share_directory() / 'config' / 'fleet.yaml'), [], []
+    for mission, uavs in (near, 2), (near, 3), (scattered(9), 2), (scattered(9), 3):
+        best, other, seconds = rolled(mission, uavs)
+        saving, whole = best.costs - other.costs, best.costs.mean() / 100
+        shares.append((saving.mean() / whole, losses.interval(saving) / whole))
+        size = f'nine goals, {mission.grid.rows} x {mission.grid.cols} cells'
+        costs = best.words()[0], other.words()[0]
+        saved = '{:.1f} ± {:.1f} %'.format(*shares[-1])
+        rows.append([size, uavs, *costs, saved, f'{1e3 * seconds:.0f} ms'])
+    better = sum(share > interval for share, interval in shares)
+    worse = sum(share < -interval for share, interval in shares)
+    head = ['mission', 'UAVs', 'optimal', 'rollouts', 'saved', 'a decision']
+    return f"""## A meta-policy by rollouts
+
+Rollouts look at the joint future, which no sum of gains does: of the optimal assignment, the
+queue, and the optimal assignments without one UAV's goal, the one is taken whose {SAMPLES}
+rollouts of {ROLLOUT_EPOCHS} epochs cost least. In a rollout each UAV pursues its goal to the end,
+then what the queue gives it; what is left then costs, for each goal, V_j of the UAV that suits it
+best. {losses.SEEDS} seeds, nobody lost, the first mission with its rules. It decides anew in every
+epoch.
+
+{pages.table(head, rows)}
+
+Rollouts are better in {better} of {len(rows)} rows, and worse in {worse}, by more than the
+interval: the node `fleet` has none."""
 
 
 def _times() -> str:

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from uav_mission_manager.mdp.mission_schema import mission_schema
-from uav_mission_manager.nodes.base_station import REQUESTED_PRIORITIES
 from uav_mission_manager.nodes.ending import NODES
 from uav_mission_manager.nodes.parameters import NodeParameter
+from uav_mission_manager.nodes.priority_parameter import REQUESTED_PRIORITIES
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = 'uav_mission_manager'
@@ -118,7 +118,7 @@ def parameters_page() -> str:
     ]
     for name in NODES:
         table = import_module(f'{PACKAGE}.nodes.{name}').PARAMETERS
-        if name == 'base_station':
+        if name in ('base_station', 'fleet'):
             table = (*table, REQUESTED_PRIORITIES)
         parts += [
             f'## {name}\n',

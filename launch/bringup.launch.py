@@ -36,6 +36,8 @@ ARGUMENTS = {
     'connection': ('', 'pymavlink connection string of the bridge'),
     'system': ('', 'MAVLink system id of the vehicle'),
     'allow_arming': ('', 'true: the bridge may arm and take off'),
+    'flight_altitude': ('', "height at which the bridge flies [m], a fleet's vehicles apart"),
+    'base_station': ('true', 'false: another node, such as fleet, asks for goals'),
     'state_dir': ('', 'folder in which the nodes keep what the next ones have to know'),
     'bag': ('', 'folder to record into; empty: it is not recorded'),
     'rviz': ('false', 'true: RViz shows the vehicle; it needs the package rviz2'),
@@ -54,6 +56,7 @@ NODES = {
         'connection': str,
         'system': int,
         'allow_arming': bool,
+        'flight_altitude': float,
         'state_dir': str,
         'autostart': bool,
         'use_sim_time': bool,
@@ -69,7 +72,7 @@ PARAMETER_NAMES = {'system': 'target_system'}
 """Parameters that have another name than the argument."""
 
 
-def given(context: LaunchContext, name: str, kind: type = str) -> str | int | bool | None:
+def given(context: LaunchContext, name: str, kind: type = str) -> str | float | bool | None:
     """Return a launch argument as a value, None where it is empty."""
     text = LaunchConfiguration(name).perform(context)
     if not text:
@@ -82,6 +85,11 @@ def given(context: LaunchContext, name: str, kind: type = str) -> str | int | bo
         if not (text.isascii() and text.isdigit()):
             raise RuntimeError(f'{name} {text!r} is not a number')
         return int(text)
+    if kind is float:
+        try:
+            return float(text)
+        except ValueError:
+            raise RuntimeError(f'{name} {text!r} is not a number') from None
     return str(text)
 
 
@@ -110,8 +118,15 @@ def nodes(context: LaunchContext) -> list[Node]:
             output='screen',
         )
         for executable in NODES
-        if executable != 'mission_record' or given(context, 'bag')
+        if wanted(context, executable)
     ]
+
+
+def wanted(context: LaunchContext, executable: str) -> bool:
+    """Whether a node is to be started."""
+    if executable == 'base_station':
+        return bool(given(context, 'base_station', bool))
+    return executable != 'mission_record' or bool(given(context, 'bag'))
 
 
 def viewers(context: LaunchContext) -> list[Node]:

@@ -48,6 +48,8 @@ ARGUMENTS = {
         'file of node parameters; the arguments here override it',
     ),
     'allow_arming': ('false', 'true: the bridge may arm and take off'),
+    'flight_altitude': ('', "height at which the bridge flies [m], a fleet's vehicles apart"),
+    'base_station': ('true', 'false: another node, such as fleet, asks for goals'),
     'rviz': ('false', 'true: RViz shows the vehicle; it needs the package rviz2'),
     'foxglove': (
         'false',
@@ -80,7 +82,10 @@ def bringup(context: LaunchContext) -> list[IncludeLaunchDescription]:
     system = system_id(context)
     arguments = {
         name: LaunchConfiguration(name).perform(context)
-        for name in ('mission', 'policy', 'params_file', 'allow_arming', 'rviz', 'foxglove')
+        for name in (
+            *('mission', 'policy', 'params_file', 'allow_arming'),
+            *('flight_altitude', 'base_station', 'rviz', 'foxglove'),
+        )
     }
     arguments |= {
         'namespace': LaunchConfiguration('namespace').perform(context) or f'uav{system}',

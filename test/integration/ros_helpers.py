@@ -29,13 +29,17 @@ from uav_mission_manager.nodes.ending import NODES
 from uav_mission_manager.nodes.transport import without_shared_memory
 
 ROOT = Path(__file__).resolve().parents[2]
-ONE_OF_A_KIND = 'nodes.manager', 'nodes.base_station', 'nodes.mavlink_bridge'
+ONE_OF_A_KIND = (
+    *('nodes.manager', 'nodes.base_station', 'nodes.mavlink_bridge'),
+    'nodes.fleet',
+)
 CASE_STUDY = {
     **dict.fromkeys(('nodes.manager', 'nodes.console'), f'policy:={ROOT}/policies/case_study'),
     **dict.fromkeys(
         ('nodes.base_station', 'nodes.mavlink_bridge', 'nodes.solver'),
         f'mission:={ROOT}/config/case_study.yaml',
     ),
+    'nodes.fleet': f'mission:={ROOT}/config/fleet.yaml',
     'nodes.mission_record': 'bag:=$ROS_HOME/bag',
 }
 """Parameters that nodes need, for the shipped mission and a folder of the test's."""

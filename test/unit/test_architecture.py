@@ -23,10 +23,14 @@ ALLOWED = {
     'solver': {'mdp'},
     'policy': {'mdp', 'solver'},
     'onboard': {'mdp', 'solver', 'policy'},
+    'fleet': {'mdp', 'solver', 'policy', 'onboard'},
     'autopilot': {'pymavlink'},
     'drawing': {'mdp', 'onboard'},
     'console': {'mdp', 'solver', 'policy', 'onboard', 'autopilot', 'drawing'},
-    'nodes': {'mdp', 'solver', 'policy', 'onboard', 'autopilot', 'drawing', 'console', 'ros'},
+    'nodes': {
+        *('mdp', 'solver', 'policy', 'onboard', 'fleet', 'autopilot', 'drawing', 'console'),
+        'ros',
+    },
     'cli': {
         *('mdp', 'solver', 'policy', 'onboard', 'autopilot', 'drawing', 'console', 'nodes'),
         *('ros', 'pymavlink'),
@@ -222,7 +226,7 @@ def test_a_node_starts_and_decides_without_scipy():
     """Its parts take twice as long to import as all else; only a solver needs them."""
     program = """
 import sys
-from uav_mission_manager.nodes import base_station, console, manager, mavlink_bridge, solver
+from uav_mission_manager.nodes import base_station, console, fleet, manager, mavlink_bridge, solver
 from uav_mission_manager.policy import load_policy
 for name in 'case_study', 'case_one':
     policy = load_policy(f'policies/{name}')

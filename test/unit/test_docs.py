@@ -199,6 +199,43 @@ def test_the_table_has_every_label_and_number_of_the_paper() -> None:
         assert not absent, what
 
 
+ALGORITHM_2 = (
+    'sub-MDPs {M_1, .., M_N}',
+    'local MDP solver',
+    'completion thresholds C_j^min',
+    'agent set with current states',
+    'compute priority score rho_j',
+    'sort sub-MDPs in descending order of rho_j into list L',
+    'solve M_j (using Value Iteration) to obtain pi_j and V_j',
+    'store pi_j and estimate expected reward R_j',
+    'initialize E_j <- 0, C_j <- 0, agent queue A_j <- {}',
+    'sort agents (e.g., based on previous assignments or proximity)',
+    'add N_k to queue A_j',
+    'if queue A_j meets minimal agent count',
+    'assign a_k = pi_j(s_k)',
+    'update E_j <- E[r_j({s_k}, {a_k})]',
+    'if E_j >= C_j^min, set C_j <- 1',
+    'combine actions from all sub-MDPs to form the overall joint policy',
+    'for agents in multiple sub-MDPs, select action from the highest-priority sub-MDP',
+    're-evaluate affected sub-MDPs and update policies',
+    'return the joint global policy',
+)
+"""The lines of the paper's pseudocode."""
+
+
+def test_every_line_of_algorithm_2_is_there_with_code_that_exists() -> None:
+    section = MODEL.read_text('utf-8').split('### Algorithm 2 (`algo2`)')[1].split('###')[0]
+    rows = [line for line in section.splitlines() if line.startswith('| ')][2:]
+    for line in ALGORITHM_2:
+        [row] = [row for row in rows if line in row]
+        _, printed, here, difference, _, _ = re.split(r'(?<!\\)\|', row)
+        assert line in printed
+        assert difference.strip()
+        named = [code for code in INLINE.findall(here) if re.fullmatch(rf'{FILE}:[\w.]+', code)]
+        assert named
+        assert missing_names(here) == []
+
+
 @pytest.mark.parametrize(
     ('text', 'missing'),
     [

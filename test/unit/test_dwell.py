@@ -154,6 +154,13 @@ def test_when_nothing_is_wanted_any_more_it_does_not_wait(policy: Policy) -> Non
         assert command(step(policy, situation, standing, 1.0)[0]) == said
 
 
+def test_a_first_wish_does_not_wait(policy: Policy) -> None:
+    situation = at(BESIDE, 'nominal', (2, 0, 1))
+    for wanted, said in ((False, 'commit goal1 normal'), (True, 'none normal')):
+        standing = StandingCommand(ACTIONS['none normal'], DWELL, frozenset(), wanted)
+        assert command(step(policy, situation, standing, 1.0)[0]) == said
+
+
 def test_a_danger_that_comes_whenever_it_hurts_changes_the_command_no_more_often(
     policy: Policy,
 ) -> None:

@@ -18,7 +18,11 @@ from strategies import case_study, lively, missions, pick_states
 from test_recombination import GoalSubMdp, optimum, recombination, seen_by
 
 from uav_mission_manager.mdp import StateError, StateSpace, mission_from_dict
-from uav_mission_manager.solver.evaluation.fleet_simulation import FleetSimulator, simulate_fleets
+from uav_mission_manager.solver.evaluation.fleet_simulation import (
+    FleetSimulator,
+    Losses,
+    simulate_fleets,
+)
 from uav_mission_manager.solver.exact import value_iteration
 from uav_mission_manager.solver.greedy import choose
 from uav_mission_manager.solver.recombination import (
@@ -195,7 +199,7 @@ def test_queues_are_those_of_plain_loops(rules, agents):
     first = found.plan(fleets)
     moved = pick_fleets(CASE_STUDY, 60, agents, seed=1)
     for states, previous in ((fleets, None), (moved, first)):
-        plan = found.plan(states, previous)
+        plan = found.plan(states, None if previous is None else previous.pursued)
         for i, fleet_ in enumerate(states.tolist()):
             holders = [-2] * agents if previous is None else previous.pursued[i].tolist()
             queues, rewards, complete, pursued = plain_queue(
@@ -214,7 +218,7 @@ def test_queues_are_those_of_plain_loops(rules, agents):
 def test_what_every_plan_keeps_to(rules, assignment):
     found, states = planner(rules=rules), pick_fleets(CASE_STUDY, 300, 4)
     plan = found.plan(states, assignment=assignment)
-    limits = rules.limits(CASE_STUDY)
+    limits = rules.limits([goal.name for goal in CASE_STUDY.goals])
     acting = (plan.pursued[:, None] == np.arange(3)[:, None]).sum(axis=2)
     assert ((acting == 0) | (acting >= limits.counts)).all()  # Not fewer than asked for.
     before = np.array(
@@ -327,7 +331,7 @@ def test_fleets_that_cannot_be():
     with pytest.raises(ValueError, match=r"assignment 'best' is none of queue, optimal"):
         found.plan(fleets, assignment='best')
     with pytest.raises(ValueError, match=r'shape \(2, 2\), not \(3, 2\)'):
-        found.plan(fleets, found.plan(fleets[:2]))
+        found.plan(fleets, found.plan(fleets[:2]).pursued)
 
 
 # Optimal assignment
@@ -347,16 +351,21 @@ def test_matching_is_the_best_of_all(agents, goals, data):
         float,
     )
     need = np.array(data.draw(st.lists(st.integers(1, agents), min_size=goals, max_size=goals)))
-    matched = matching(gains, np.arange(goals), need)
+    pairs = st.tuples(st.integers(0, agents - 1), st.integers(0, goals - 1))
+    barred = np.zeros(gains.shape, bool)
+    barred[tuple(zip(*data.draw(st.sets(pairs, min_size=1))))] = data.draw(st.booleans())
+    matched = matching(gains, np.arange(goals), need, barred)
 
     def worth(choice):
-        """What a choice gains; None where a goal gets too few or too many."""
+        """What a choice gains; None where a goal gets too few, too many or who is barred."""
+        if any(j >= 0 and barred[k, j] for k, j in enumerate(choice)):
+            return None
         filled = Counter(j for j in choice if j >= 0)
         if any(count != need[j] for j, count in filled.items()):
             return None
         return sum(gains[k, j] / need[j] for k, j in enumerate(choice) if j >= 0)
 
-    assert (matched >= 0).any()
+    assert (matched >= 0).any() or barred.any()
     values = map(worth, itertools.product(range(-1, goals), repeat=agents))
     assert worth(matched) == pytest.approx(max(v for v in values if v is not None))
 
@@ -396,9 +405,9 @@ def test_agents_do_not_trade_goals_for_nothing(persistence, kept):
     found, states = planner(rules=FleetRules(persistence=persistence)), at_base(2, [2, 1, 0])
     first = found.plan(states, assignment='optimal')
     assert sorted(first.pursued[0]) == [0, 1]
-    swapped = dataclasses.replace(first, pursued=first.pursued[:, ::-1])
+    swapped = first.pursued[:, ::-1]
     again = found.plan(states, swapped, 'optimal')
-    assert np.array_equal(again.pursued, swapped.pursued) == kept
+    assert np.array_equal(again.pursued, swapped) == kept
 
 
 # Replanning
@@ -612,3 +621,51 @@ def test_fleets_that_decide_differently_meet_with_the_same_luck():
     assert after[0] == after[1]
     assert np.array_equal(costs[0], costs[2])
     assert not np.array_equal(costs[0], costs[1])
+
+
+class Journal:
+    """Notes what a simulation asks to decide, and lets the planner do so."""
+
+    def __init__(self, found):
+        self.found, self.asked = found, []
+
+    def __call__(self, states, pursued, kept, barred):
+        self.asked.append((states.copy(), pursued, kept, barred))
+        return self.found.plan(states, pursued, kept=kept, barred=barred)
+
+
+def test_a_lost_uav_keeps_its_goal_until_it_is_noticed_and_never_acts():
+    document = {**case_study(), 'priority_transition': [list(row) for row in STANDING]}
+    mission = mission_from_dict(document, 'test')
+    found = planner(mission, FleetRules(threshold=1e-9))
+    fleets = np.repeat(at_base(2, [2, 1, 1]), 30, axis=0)
+    losses, journal, seen = Losses(np.tile([1, 50], (30, 1)), 2), Journal(found), []
+    rng = np.random.default_rng(0)
+    simulate_fleets(found, fleets, 12, rng, losses=losses, decide=journal, watch=seen.append)
+    assert len(seen) == 13
+    first = found.plan(fleets).pursued
+    assert (first == [0, 1]).all()
+    for epoch, (states, pursued, kept, barred) in enumerate(journal.asked):
+        lost = epoch >= 1
+        assert barred[:, 0].all() == barred[:, 0].any() == lost
+        assert not barred[:, 1].any()
+        open_ = states[:, 0, 4] > 0
+        assert (kept[:, 0] == np.where(open_ & (epoch in (1, 2)), 0, -1)).all()
+        assert (kept[:, 1] == -1).all()
+        if lost:  # Nominal, out of range, at the base, uncommitted, calm, normal.
+            assert (states[:, 0, [0, 1, 2, 3, 7, 8, 9, 10]] == [1, 0, 0, 0, 0, 0, 0, 0]).all()
+        if epoch >= 3:
+            assert (pursued[:, 0] == -1).all() or epoch == 3
+    # The other one does the first goal too, when it is noticed that nobody does.
+    assert (seen[3][:, 0, 4] == 2).all()
+    assert (seen[12][:, 0, 4] == 0).any()
+
+
+def test_nobody_lost_is_as_without_losses():
+    found, start = planner(), pick_fleets(CASE_STUDY, 20, 3)
+    never = Losses(np.full((20, 3), 20), 1)
+    plain, same = (
+        simulate_fleets(found, start, 20, np.random.default_rng(3), 'optimal', losses=losses)
+        for losses in (None, never)
+    )
+    assert np.array_equal(plain, same)

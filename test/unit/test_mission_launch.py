@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import runpy
 import shutil
 import sys
@@ -14,6 +15,8 @@ from unittest.mock import MagicMock
 import pytest
 import yaml
 
+from uav_mission_manager.fleet import FleetSettings
+from uav_mission_manager.nodes import fleet as fleet_node
 from uav_mission_manager.paths import share_directory
 
 SHARE = share_directory()
@@ -145,6 +148,56 @@ def test_a_simulation_remembers_nothing_of_the_one_before(launch_file, monkeypat
     assert first != second
 
 
+@pytest.fixture
+def fleet(stand_ins):
+    return runpy.run_path(str(SHARE / 'launch' / 'fleet.launch.py'))
+
+
+def crafts(fleet, **given: str) -> list[dict[str, dict]]:
+    """Return what is started of each vehicle, by name."""
+    found = []
+    for path, passed in fleet['crafts']({**defaults(fleet), **given}):
+        included = runpy.run_path(path)
+        assert dict(passed).keys() <= included['ARGUMENTS'].keys()
+        found.append(launched(included, **dict(passed)))
+    return found
+
+
+def test_the_vehicles_of_a_fleet_share_nothing_but_their_station(fleet):
+    vehicles = crafts(fleet, vehicles='4')
+    assert [set(nodes) for nodes in vehicles] == [{'manager', 'mavlink_bridge'}] * 4
+    bridges = [nodes['mavlink_bridge'] for nodes in vehicles]
+    assert [bridge['namespace'] for bridge in bridges] == ['uav1', 'uav2', 'uav3', 'uav4']
+    own = [bridge['parameters'][-1] for bridge in bridges]
+    assert len({values['connection'] for values in own}) == 4
+    assert [values['target_system'] for values in own] == [1, 2, 3, 4]
+    heights = [values['flight_altitude'] for values in own]
+    assert min(b - a for a, b in itertools.pairwise(heights)) >= FleetSettings().separation
+    [station] = fleet['station']({**defaults(fleet), 'vehicles': '4'})
+    assert station['executable'] == 'fleet'
+    known = {row.name for row in fleet_node.PARAMETERS}
+    assert station['parameters'][-1].keys() <= known
+    assert station['parameters'][-1]['vehicles'] == ['uav1', 'uav2', 'uav3', 'uav4']
+
+
+def test_a_simulated_fleet_remembers_nothing_and_can_fly(fleet, monkeypatch, tmp_path):
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
+    [station] = fleet['station']({**defaults(fleet), 'simulate': 'true'})
+    places = {station['parameters'][-1]['state_dir']}
+    for nodes in crafts(fleet, simulate='true'):
+        places |= {nodes['manager']['parameters'][-1]['state_dir']}
+    assert len(places) == 4
+    mission = runpy.run_path(str(SHARE / 'launch' / 'mission.launch.py'))
+    given = {name: defaults(fleet)[name] for name in ('mission', 'policy')}
+    mission['one_mission']({**defaults(mission), **given})
+
+
+@pytest.mark.parametrize('vehicles', ['0', '256', 'two', ''])
+def test_what_is_no_number_of_vehicles_is_refused(fleet, vehicles):
+    with pytest.raises(RuntimeError, match='is not a number from 1 to 255'):
+        crafts(fleet, vehicles=vehicles)
+
+
 @pytest.mark.parametrize('system', ['0', '256', '-1', 'two', '1.0', ''])
 def test_what_is_no_system_id_is_refused(launch_file, system):
     with pytest.raises(RuntimeError, match='is not a MAVLink system id, 1 to 255'):
@@ -181,6 +234,7 @@ def test_bringup_gives_each_node_its_own_parameters_in_their_types(bringup):
         'connection': 'tcp:10.0.0.1:5760',
         'system': '3',
         'allow_arming': 'true',
+        'flight_altitude': '35',
         'state_dir': '/s',
         'bag': '/b',
     }
@@ -197,6 +251,7 @@ def test_bringup_gives_each_node_its_own_parameters_in_their_types(bringup):
             'connection': 'tcp:10.0.0.1:5760',
             'target_system': 3,
             'allow_arming': True,
+            'flight_altitude': 35.0,
             'state_dir': '/s',
             'autostart': False,
             'use_sim_time': True,
@@ -206,7 +261,11 @@ def test_bringup_gives_each_node_its_own_parameters_in_their_types(bringup):
 
 
 @pytest.mark.parametrize(
-    'given', [{'system': 'two'}, {'allow_arming': 'yes'}, {'use_respawn': '1'}, {'rviz': 'yes'}]
+    'given',
+    [
+        *({'system': 'two'}, {'allow_arming': 'yes'}, {'use_respawn': '1'}, {'rviz': 'yes'}),
+        *({'flight_altitude': 'high'}, {'base_station': 'no'}),
+    ],
 )
 def test_bringup_refuses_what_is_no_value(bringup, given):
     with pytest.raises(RuntimeError, match=next(iter(given))):

@@ -92,6 +92,7 @@ def test_each_status_has_one_place_in_the_aggregator(namespace):
     name = f'{namespace}/manager'
     said = manager_health(name, ('p', POLICY), Refusal(''), situation, {}, troubles, 0.0, 3.0)
     names = [status.name for status in said] + [f'{namespace}/mavlink_bridge: autopilot']
+    names += ['/fleet: goals', '/fleet: memory', f'/fleet: {namespace}/uav1']
     parameters = dict(AGGREGATOR['analyzers']['ros__parameters'])
     assert parameters.pop('path')
     found = list(analyzers(parameters))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from uav_mission_manager.echo import quoted
+from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.mdp.areas import MAX_CORNERS, Polygon
 from uav_mission_manager.mdp.mission import Matrix, Row
 
@@ -155,6 +155,33 @@ def _name(value: Any) -> str:
 
 name = Check(_name, {'type': 'string', 'pattern': r'^\S+$', 'maxLength': MAX_NAME_LENGTH})
 """Check a string without white space, which every log and topic can carry."""
+
+
+def _names(value: Any) -> tuple[str, ...]:
+    if not isinstance(value, (list, tuple)):
+        raise Bad(f'{quoted(value)} is not a list of names')
+    return tuple(name(entry) for entry in value)
+
+
+names = Check(_names, {'type': 'array', 'items': name.schema, 'minItems': 0})
+"""Check a list of names."""
+
+
+def by_name(check: Check[_T]) -> Check[dict[str, _T]]:
+    """Return a check for a mapping from names to values that pass one check."""
+
+    def check_mapping(value: Any) -> dict[str, _T]:
+        if not isinstance(value, Mapping):
+            raise Bad(f'{quoted(value)} is not a mapping')
+        found = {}
+        for key, entry in value.items():
+            try:
+                found[name(key)] = check(entry)
+            except Bad as error:
+                raise Bad(f'{shown(key)}: {error}') from None
+        return found
+
+    return Check(check_mapping, {'type': 'object', 'additionalProperties': dict(check.schema)})
 
 
 def one_of(*names: str) -> Check[str]:

@@ -16,6 +16,7 @@ from typing import Any, ClassVar
 from uav_mission_manager.goal_task import GoalTask, task_to_dict
 from uav_mission_manager.mdp.areas import Areas
 from uav_mission_manager.mdp.energy import Energy, Range
+from uav_mission_manager.mdp.fleet_rules import FleetRules
 from uav_mission_manager.mdp.grid import Grid
 
 Row = tuple[float, ...]
@@ -185,6 +186,8 @@ class Mission:
     areas : Areas
         Fence and no-fly areas. No part of the decision process: missions that differ in nothing
         else are equal and have one digest.
+    fleet : FleetRules
+        What is asked of several UAVs that share the goals. No part of the decision process either.
 
     Raises
     ------
@@ -206,6 +209,7 @@ class Mission:
     energy: Energy | None = None
     extra_costs: Matrix = ()
     areas: Areas = field(default=Areas(), compare=False)
+    fleet: FleetRules = field(default=FleetRules(), compare=False)
 
     def __post_init__(self) -> None:
         """Raise `ValueError` where the extra costs, or a charge, cannot be used."""
@@ -265,12 +269,14 @@ class Mission:
         data['areas'] = {key: value for key, value in data['areas'].items() if value}
         if not data['areas']:
             del data['areas']
+        if self.fleet == FleetRules():
+            del data['fleet']
         return data
 
     def digest(self) -> str:
-        """SHA-256 of the mission in canonical JSON, without its areas and tasks at goals."""
+        """SHA-256 of the mission in canonical JSON, without areas, fleet and tasks at goals."""
         goals = tuple(replace(goal, task=None) for goal in self.goals)
-        data = replace(self, goals=goals, areas=Areas()).to_dict()
+        data = replace(self, goals=goals, areas=Areas(), fleet=FleetRules()).to_dict()
         text = json.dumps(data, sort_keys=True, separators=(',', ':'))
         return hashlib.sha256(text.encode()).hexdigest()
 

@@ -22,6 +22,7 @@ from uav_mission_manager.mdp.charge import drain_by_energy
 from uav_mission_manager.mdp.energy import ByMode, Charge, Drain, Energy, Range
 from uav_mission_manager.mdp.epoch import Epoch
 from uav_mission_manager.mdp.fields import Bad
+from uav_mission_manager.mdp.fleet_rules import FleetRules, PriorityWeights
 from uav_mission_manager.mdp.goal_tasks import read_task
 from uav_mission_manager.mdp.grid import Grid
 from uav_mission_manager.mdp.mission import (
@@ -76,24 +77,24 @@ def mission_from_dict(data: Any, source: str) -> Mission:
     energy = root.below('energy', _energy)
     epoch = Epoch(grid.cell_size, energy.speed if energy else None)
     cost = _cost(root, epoch)
+    faults = root.below('faults', lambda section: _faults(section, epoch, cost))
+    goals = _goals(root, grid, epoch, cost, faults.completion)
     return Mission(
         name=root.get('name'),
         discount=_either(root, 'discount', 'horizon', lambda mean: _discount(mean, epoch)),
         feasibility=root.get('feasibility', _feasibility(source)),
         grid=grid,
-        faults=(faults := root.below('faults', lambda section: _faults(section, epoch, cost))),
-        goals=_goals(root, grid, epoch, cost, faults.completion),
+        goals=goals,
+        faults=faults,
         range=root.below('range', lambda section: _range(section, grid, energy, cost)),
         threat=root.below('threat', lambda section: _threat(section, grid, epoch, cost)),
         distance_weight=root.get('distance_weight', cost),
         service_cost=root.below(
-            'service_cost',
-            lambda section: ServiceCost(
-                section.get('recharge', cost), section.get('repair', cost)
-            ),
+            'service_cost', lambda section: ServiceCost(**_all(section, cost))
         ),
         energy=energy,
         areas=root.below('areas', lambda section: _areas(section, grid)) or Areas(),
+        fleet=root.below('fleet', lambda section: _fleet(section, goals)),
     )
 
 
@@ -165,9 +166,9 @@ def _grid(section: Section) -> Grid:
     )
 
 
-def _all(section: Section) -> dict[str, Any]:
+def _all(section: Section, then: Callable[[Any], Any] = as_given) -> dict[str, Any]:
     """Return every field of a section of plain values."""
-    return {row.key: section.get(row.key) for row in section.table.rows}
+    return {row.key: section.get(row.key, then) for row in section.table.rows}
 
 
 def _energy(section: Section) -> Energy:
@@ -192,6 +193,19 @@ def _areas(section: Section, grid: Grid) -> Areas:
         no_fly.append(area)
     fence = section.get('fence', sound) if 'fence' in section else None
     return Areas(fence, tuple(no_fly))
+
+
+def _fleet(section: Section, goals: tuple[Goal, ...]) -> FleetRules:
+    try:
+        weights = section.below('weights', lambda weights: PriorityWeights(**_all(weights)))
+        plain = {r.key: section.get(r.key) for r in section.table.rows if r.key != 'weights'}
+        rules = FleetRules(weights, **plain)
+        rules.limits([goal.name for goal in goals])
+    except MissionError:
+        raise
+    except ValueError as error:
+        raise MissionError(f'{shown(section.source)}: {section.place}: {error}') from error
+    return rules
 
 
 def _goals(

@@ -313,6 +313,46 @@ _AREAS = Table(
     )
 )
 
+_PRIORITY_WEIGHTS = Table(
+    (
+        Field('reward', fields.non_negative, 'of what a commitment saves [1]', 1.0),
+        Field('urgency', fields.non_negative, 'of the priority [1]', 0.0),
+        Field('risk', fields.non_negative, 'of arriving and completing without trouble [1]', 0.0),
+        Field('resources', fields.non_negative, 'of a short way [1]', 0.0),
+    )
+)
+
+_FLEET = Table(
+    (
+        Field(
+            'preconditions',
+            fields.by_name(fields.names),
+            'by goal: the goals to be achieved before vehicles are sent to it',
+            {},
+        ),
+        Field(
+            'agents',
+            fields.by_name(fields.integer(1)),
+            'by goal: how many vehicles it needs at least; 1 for the rest',
+            {},
+        ),
+        Field(
+            'thresholds',
+            fields.by_name(fields.positive),
+            'by goal: expected reward from which it has vehicles enough [1]',
+            {},
+        ),
+        Field('threshold', fields.positive, 'the same for all other goals [1]', 0.25),
+        Field(
+            'persistence',
+            fields.non_negative,
+            'how much more a vehicle gains by the goal that it pursues already, as a share [1]',
+            0.1,
+        ),
+        Field('weights', _PRIORITY_WEIGHTS, 'of the priority scores that rank the goals', {}),
+    )
+)
+
 MISSION_TABLE = Table(
     (
         Field('name', fields.name, 'of the mission, without white space'),
@@ -344,6 +384,12 @@ MISSION_TABLE = Table(
         Field('service_cost', _SERVICE_COST, 'at the service cell', {}),
         Field('energy', _ENERGY, 'range model, needed on board and for physical units', None),
         Field('areas', _AREAS, 'no part of the decision process; needs grid.origin', None),
+        Field(
+            'fleet',
+            _FLEET,
+            'for several vehicles that share the goals; no part of the decision process',
+            {},
+        ),
     ),
     ((('discount',), ('horizon',)), ONE_WAY_OF_PRIORITIES),
 )

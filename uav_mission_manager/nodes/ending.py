@@ -9,7 +9,10 @@ import threading
 import time
 from importlib.util import find_spec
 
-NODES = ('manager', 'base_station', 'mavlink_bridge', 'solver', 'mission_record', 'console')
+NODES = (
+    *('manager', 'base_station', 'fleet', 'mavlink_bridge', 'solver'),
+    *('mission_record', 'console'),
+)
 """Commands of this package that are nodes."""
 
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

@@ -304,6 +304,8 @@ class MavlinkBridge(ManagedNode):
             'others_heard': '; '.join(link.others),
             'mode': mode_name(telemetry.mode),
             'armed': telemetry.armed,
+            'allow_arming': self._settings.allow_arming,
+            'flight_altitude': self._settings.flight_altitude,
             'phase': bridge.output.phase.value,
             'command': inputs.command,
             'command_refused': '; '.join(inputs.complaints),

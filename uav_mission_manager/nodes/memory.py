@@ -72,6 +72,22 @@ def open_journal(node: Node, state_dir: str, kind: str, mission: Mission) -> Jou
         raise ValueError(f'parameter state_dir: {said_by(error)}') from error
 
 
+def last_state(journal: Journal) -> tuple[dict[str, Any] | None, str]:
+    """Return the state that the node before this one wrote down, and why it is not used.
+
+    None where there is none, or it is damaged or of another mission; '' where that is no trouble.
+    """
+    try:
+        record = journal.read()
+    except ValueError as error:
+        return None, str(error)
+    if record is None:
+        return None, ''
+    if record.mission == journal.mission:
+        return record.state, ''
+    return None, f'{journal.path}: of a mission with other goals or another grid'
+
+
 def _default() -> Path:
     for variable, folder in ('ROS_HOME', '.'), ('HOME', '.ros'):
         if home := os.environ.get(variable):

@@ -56,21 +56,26 @@ class Presence:
     Parameters
     ----------
     node : Node
-        Its namespace is the vehicle that may have one such node.
+        Its namespace is that of the vehicle that may have one such node.
     role : str
         What there may be one of, such as `manager`.
     listening_time : float
         Time [s] from now for which it is silent.
+    vehicle : str, optional
+        Namespace of the vehicle, where that is not the node's.
     """
 
-    def __init__(self, node: Node, role: str, listening_time: float) -> None:
+    def __init__(
+        self, node: Node, role: str, listening_time: float, vehicle: str | None = None
+    ) -> None:
         self._node, self._role = node, role
+        self._place = node.get_namespace() if vehicle is None else vehicle
         self._id = f'{socket.gethostname()}:{os.getpid()}:{uuid.uuid4().hex[:8]}'
         self._complaints = Complaints(lambda text: node.get_logger().warning(text))
         self._start = time.monotonic()
         self._silent_until = self._start + listening_time
         self._heard_older, self._why = math.inf, ''
-        topic = f'presence/{role}'
+        topic = f'presence/{role}' if vehicle is None else f'{vehicle}/presence/{role}'
         self._publisher = node.create_publisher(
             String, topic, qos.EVENT, qos_overriding_options=qos.OVERRIDABLE
         )
@@ -104,7 +109,7 @@ class Presence:
         other, _, text = message.data.rpartition(' ')
         if other == self._id or self._why:
             return
-        name, place = shown(other), self._node.get_namespace()
+        name, place = shown(other), self._place
         try:
             older_by = float(text) - self._uptime
         except ValueError:

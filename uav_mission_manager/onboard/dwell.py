@@ -58,8 +58,8 @@ def dwell(
     standing : StandingCommand or None
         The command in force; None where any command may be given at once.
     seconds : float
-        Time [s] for which a command stays, unless danger rises, nothing is wanted any more, or
-        the command has lost its sense.
+        Time [s] for which a command stays, unless danger rises, nothing is wanted any more,
+        something is again, or the command has lost its sense.
     now : float
         Time [s].
 
@@ -101,7 +101,7 @@ def _may_stay(standing: StandingCommand, decision: Decision, situation: Situatio
     return (
         math.isfinite(decision.values[standing.action.number - 1])
         and (goal is None or bool(situation.priorities[goal] and situation.reachable[goal]))
-        and (any(situation.priorities) or not standing.wanted)
+        and any(situation.priorities) == standing.wanted
         and situation.dangers.counted <= standing.dangers
     )
 

@@ -1,10 +1,9 @@
 """Algorithm 2: recombination rules, priorities, meta-policies, assignment and fleet."""
 
-from uav_mission_manager.solver.recombination.assignment import FleetRules
+from uav_mission_manager.mdp.fleet_rules import FleetRules, PriorityWeights
 from uav_mission_manager.solver.recombination.fleet import FleetPlan, FleetPlanner, LocalPolicy
 from uav_mission_manager.solver.recombination.priority import (
     PriorityScore,
-    PriorityWeights,
     ranked,
 )
 from uav_mission_manager.solver.recombination.rules import best_value, highest_priority, summed

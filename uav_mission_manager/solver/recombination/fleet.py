@@ -33,12 +33,13 @@ from uav_mission_manager.mdp.actions import ActionKind
 from uav_mission_manager.mdp.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from uav_mission_manager.mdp.dynamics import completion_probabilities
 from uav_mission_manager.mdp.feasibility import allowed_actions
+from uav_mission_manager.mdp.fleet_rules import FleetRules
 from uav_mission_manager.mdp.mission import Goal, Mission
 from uav_mission_manager.mdp.routes import distances
 from uav_mission_manager.mdp.states import StateSpace
 from uav_mission_manager.solver.exact import AxisModel, LookAhead, value_iteration
 from uav_mission_manager.solver.greedy import choose
-from uav_mission_manager.solver.recombination.assignment import Board, FleetRules, match, queue
+from uav_mission_manager.solver.recombination.assignment import Board, match, queue
 from uav_mission_manager.solver.recombination.priority import PriorityScore, ranked
 from uav_mission_manager.solver.submdp import SubMdp, goal_sub_mdps
 
@@ -80,6 +81,8 @@ class FleetPlan:
     ----------
     scores, ranking : arrays (N, k)
         rho_j, and L.
+    gains : float array (N, n, k)
+        G_j of each agent.
     queues : int array (N, k, n)
         Place of each agent in the queue A_j, from 0; -1 where it is not in it.
     rewards, complete : arrays (N, k)
@@ -93,6 +96,7 @@ class FleetPlan:
 
     scores: FloatArray
     ranking: IndexArray
+    gains: FloatArray
     queues: IntArray
     rewards: FloatArray
     complete: BoolArray
@@ -106,14 +110,18 @@ class FleetPlanner:
     Parameters
     ----------
     mission : Mission
-    agents : int array (n, 2k+5)
-        States at hand, by which the sub-MDPs are ranked to be solved.
+    agents : int array (n, 2k+5), optional
+        States at hand, by which the sub-MDPs are ranked to be solved; by default one at the base,
+        nominal and charged, with all goals wanted.
     rules : FleetRules, optional
+        Those of the mission, if not given.
     known : mapping, optional
         Local policies by all that they depend on, as `known` of another planner.
 
     Attributes
     ----------
+    limits : Limits
+        The rules in the mission's goals.
     policies : tuple of LocalPolicy
         One a goal.
     order : tuple of str
@@ -132,16 +140,18 @@ class FleetPlanner:
     def __init__(
         self,
         mission: Mission,
-        agents: ArrayLike,
+        agents: ArrayLike | None = None,
         rules: FleetRules | None = None,
         known: Mapping[SubMdp, LocalPolicy] | None = None,
     ) -> None:
-        self.mission, self.rules = mission, rules or FleetRules()
-        self._limits = self.rules.limits(mission)
+        self.mission, self.rules = mission, rules or mission.fleet
+        self.limits = self.rules.limits([goal.name for goal in mission.goals])
         self._space = StateSpace.of(mission)
         self._score = PriorityScore(mission, self.rules.weights)
         to_goals = [distances(mission.grid, goal.cell) for goal in mission.goals]
         self._distances = np.stack(to_goals, axis=1)
+        if agents is None:
+            agents = [(1, *self._space.charged, *(2,) * mission.k, mission.grid.base, 0, 0, 0)]
         order = ranked(self._scores(self._checked(np.asarray(agents)[None])))[0].tolist()
         self.order = tuple(mission.goals[j].name for j in order)
         subs = goal_sub_mdps(mission)
@@ -163,17 +173,27 @@ class FleetPlanner:
         return FleetPlanner(mission, agents, self.rules, self.known)
 
     def plan(
-        self, fleets: ArrayLike, previous: FleetPlan | None = None, assignment: str = 'queue'
+        self,
+        fleets: ArrayLike,
+        previous: IntArray | None = None,
+        assignment: str = 'queue',
+        *,
+        kept: IntArray | None = None,
+        barred: BoolArray | None = None,
     ) -> FleetPlan:
         """Decide for fleets of states (N, n, 2k+5).
 
         Parameters
         ----------
         fleets : int array
-        previous : FleetPlan, optional
-            The fleets' last decision: who pursued a goal goes first in its queue, and gains more
-            by it in an optimal assignment.
+        previous : int array (N, n), optional
+            `pursued` of the last decision: who pursued a goal goes first in its queue, and gains
+            more by it in an optimal assignment.
         assignment : {'queue', 'optimal'}
+        kept : int array (N, n), optional
+            Goals that agents pursue whatever is decided, -1 for none.
+        barred : bool array (N, n, k), optional
+            Goals that an agent must not be given.
 
         Raises
         ------
@@ -186,7 +206,9 @@ class FleetPlanner:
             raise ValueError(f'assignment {assignment!r} is none of {", ".join(ASSIGNMENTS)}')
         states = self._checked(np.asarray(fleets))
         scores, gains = self._scores(states), self._gains(states)
-        board = Board(*self._rewards(states, gains), self._limits)
+        board = Board(*self._rewards(states, gains), self.limits, barred)
+        if kept is not None:
+            board.keep(kept)
         ranking = ranked(scores)
         held = self._held(states, previous)
         if assignment == 'queue':
@@ -198,6 +220,7 @@ class FleetPlanner:
         return FleetPlan(
             scores=scores,
             ranking=ranking,
+            gains=gains,
             queues=board.queues,
             rewards=board.rewards,
             complete=board.complete,
@@ -237,16 +260,16 @@ class FleetPlanner:
         np.divide(gains, best[:, None], out=contributions, where=best[:, None] > 0)
         return contributions, (g == 0).astype(float)
 
-    def _held(self, fleets: IntArray, previous: FleetPlan | None) -> BoolArray:
+    def _held(self, fleets: IntArray, previous: IntArray | None) -> BoolArray:
         """Whether each agent pursued each goal in the last decision, shape (N, n, k)."""
         if previous is None:
             return np.zeros((*fleets.shape[:2], self.mission.k), bool)
-        if previous.pursued.shape != fleets.shape[:2]:
+        if previous.shape != fleets.shape[:2]:
             raise ValueError(
-                f'the previous plan is for fleets of shape {previous.pursued.shape}, '
+                f'the previous plan is for fleets of shape {previous.shape}, '
                 f'not {fleets.shape[:2]}'
             )
-        return np.asarray(previous.pursued[..., None] == np.arange(self.mission.k))
+        return np.asarray(previous[..., None] == np.arange(self.mission.k))
 
     def _actions(self, fleets: IntArray, pursued: IntArray, ranking: IndexArray) -> IntArray:
         """The joint policy: a_k = pi_j(s_k) of the goal that agent k pursues."""

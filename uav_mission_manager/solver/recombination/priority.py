@@ -22,9 +22,6 @@ With the weights (1, 0, 0, 0) the first of L is the choice of
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-
 import numpy as np
 
 from uav_mission_manager.mdp.arrays import FloatArray, IndexArray, IntArray
@@ -36,27 +33,10 @@ from uav_mission_manager.mdp.dynamics import (
     fault_matrices,
     threat_matrices,
 )
+from uav_mission_manager.mdp.fleet_rules import PriorityWeights
 from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.mdp.routes import distances, epochs_of_flight, next_hops
 from uav_mission_manager.mdp.states import StateSpace
-
-
-@dataclass(frozen=True)
-class PriorityWeights:
-    """w_1..w_4, not below 0, one at least above it; only their ratios matter."""
-
-    reward: float = 1.0
-    urgency: float = 0.0
-    risk: float = 0.0
-    resources: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Raise `ValueError` where a weight is not finite or below 0, or all are 0."""
-        for name, weight in vars(self).items():
-            if not 0 <= weight < math.inf:
-                raise ValueError(f'weight of {name}: {weight} is not a finite number >= 0')
-        if not any(vars(self).values()):
-            raise ValueError('all priority weights are 0')
 
 
 class PriorityScore:
