@@ -121,8 +121,7 @@ _GOAL = Table(
         Field(
             'done_in',
             fields.one_or_row(fields.positive, _DONE_IN),
-            'in place of completion, by fault mode, or with all in order: then failed parts make '
-            'it as many times longer as in faults [s]',
+            'in place of completion: with all in order, else in proportion to faults; or 8 [s]',
             None,
         ),
         Field(
