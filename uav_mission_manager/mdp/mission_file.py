@@ -77,15 +77,13 @@ def mission_from_dict(data: Any, source: str) -> Mission:
     energy = root.below('energy', _energy)
     epoch = Epoch(grid.cell_size, energy.speed if energy else None)
     cost = _cost(root, epoch)
-    faults = root.below('faults', lambda section: _faults(section, epoch, cost))
-    goals = _goals(root, grid, epoch, cost, faults.completion)
     return Mission(
         name=root.get('name'),
         discount=_either(root, 'discount', 'horizon', lambda mean: _discount(mean, epoch)),
         feasibility=root.get('feasibility', _feasibility(source)),
         grid=grid,
-        goals=goals,
-        faults=faults,
+        faults=(faults := root.below('faults', lambda section: _faults(section, epoch, cost))),
+        goals=(goals := _goals(root, grid, epoch, cost, faults.completion)),
         range=root.below('range', lambda section: _range(section, grid, energy, cost)),
         threat=root.below('threat', lambda section: _threat(section, grid, epoch, cost)),
         distance_weight=root.get('distance_weight', cost),
