@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import case_study
 
-from uav_mission_manager.fleet import FleetDispatcher, FleetSettings, Role
+from uav_mission_manager.fleet import FleetDispatcher, FleetRole, FleetSettings
 from uav_mission_manager.fleet.reports import height_conflicts
 from uav_mission_manager.mdp import mission_from_dict
 from uav_mission_manager.solver.recombination import FleetPlanner, FleetRules
@@ -129,17 +129,17 @@ def test_a_vehicle_keeps_its_goal_for_a_while_and_then_others_get_it(trouble):
     for _ in range(2):
         pass_time(LOST / 2.0 - 0.1)
         assert station.given() == before
-    assert station.share('a').role is Role.AWAITED
+    assert station.share('a').role is FleetRole.AWAITED
     # It counts as acting for its goal: the other one has nothing to do there when it is free.
     station.dispatcher.complete(MISSION.goals[1 - lost].name)
     assert station.given()['b'] == [0, 0, 0]
     pass_time(0.5)
     assert station.given()['b'][lost] == 2
     assert station.given()['a'] == [0, 0, 0]
-    assert station.share('a').role is Role.OUT
+    assert station.share('a').role is FleetRole.OUT
     station.hear('a', 5)
     station.step()
-    assert station.share('a').role is Role.READY
+    assert station.share('a').role is FleetRole.READY
     assert station.goals() == [lost]
 
 
@@ -182,7 +182,7 @@ def test_who_flies_at_the_height_of_another_one_gets_nothing():
         station.hear(vehicle, cell)
     station.ask(2, 2, 2)
     assert station.given()['b'] == [0, 0, 0]
-    assert station.share('b').role is Role.OUT
+    assert station.share('b').role is FleetRole.OUT
     words = 'flight_altitude 24.9 m is within 5 m of the 20 m of a: they could meet'
     assert station.share('b').reason == words
     station.heights['b'] = math.nan
@@ -230,7 +230,7 @@ def test_one_that_is_started_again_goes_on():
     # Before it hears of them, too.
     assert again.step() == []
     assert again.given() == before
-    assert again.share('a').role is Role.AWAITED
+    assert again.share('a').role is FleetRole.AWAITED
     for vehicle, cell in (('a', 0), ('b', 3)):
         again.hear(vehicle, cell)
     assert again.step() == []

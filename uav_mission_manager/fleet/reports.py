@@ -11,7 +11,7 @@ FRESH_TIME = 3.0
 """Age [s] up to which a vehicle counts as heard: a choice, three repetitions of what it says."""
 
 
-class Role(Enum):
+class FleetRole(Enum):
     """What a vehicle can be given: goals; the one that it has, for a while; nothing."""
 
     READY = 'ready'
@@ -107,7 +107,7 @@ class VehicleReport:
 
 def roles(
     reports: Mapping[str, VehicleReport], settings: FleetSettings, now: float
-) -> dict[str, tuple[Role, str]]:
+) -> dict[str, tuple[FleetRole, str]]:
     """Return the part of each vehicle, and why where it is not ready."""
     heights = {name: report.altitude for name, report in reports.items()}
     conflicts = height_conflicts(heights, settings.separation)
@@ -115,12 +115,12 @@ def roles(
     for name, report in reports.items():
         trouble = report.trouble(now)
         if name in conflicts:
-            found[name] = Role.OUT, conflicts[name]
+            found[name] = FleetRole.OUT, conflicts[name]
         elif not trouble:
-            found[name] = Role.READY, ''
+            found[name] = FleetRole.READY, ''
         else:
             lost = now - report.ready_at > settings.lost_after
-            found[name] = Role.OUT if lost else Role.AWAITED, trouble
+            found[name] = FleetRole.OUT if lost else FleetRole.AWAITED, trouble
     return found
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uav_mission_manager.fleet.reports import FleetSettings, Role, VehicleReport
+from uav_mission_manager.fleet.reports import FleetRole, FleetSettings, VehicleReport
 from uav_mission_manager.mdp import PRIORITY_LEVELS, Mission, StateSpace
 from uav_mission_manager.mdp.arrays import BoolArray, FloatArray, IntArray
 from uav_mission_manager.solver.recombination import FleetPlan, FleetPlanner
@@ -24,7 +24,7 @@ class VehicleShare:
     Attributes
     ----------
     vehicle : str
-    role : Role
+    role : FleetRole
     goal : int
         Counted from 0; -1 for none.
     reason : str
@@ -32,7 +32,7 @@ class VehicleShare:
     """
 
     vehicle: str
-    role: Role
+    role: FleetRole
     goal: int
     reason: str
 
@@ -62,7 +62,7 @@ def share_goals(
     planner: FleetPlanner,
     wanted: Sequence[int],
     reports: Mapping[str, VehicleReport],
-    parts: Mapping[str, tuple[Role, str]],
+    parts: Mapping[str, tuple[FleetRole, str]],
     had: Mapping[str, int],
     settings: FleetSettings,
 ) -> FleetDecision:
@@ -84,7 +84,8 @@ def share_goals(
     taking_part = [
         v
         for v, (role, _) in parts.items()
-        if role is Role.READY or (role is Role.AWAITED and _goes_on(had[v], wanted, reports[v]))
+        if role is FleetRole.READY
+        or (role is FleetRole.AWAITED and _goes_on(had[v], wanted, reports[v]))
     ]
     words = {vehicle: why or 'no goal is wanted' for vehicle, (_, why) in parts.items()}
     given = dict.fromkeys(parts, -1)
@@ -97,7 +98,7 @@ def share_goals(
             tuple(taking_part),
             _states(planner.mission, wanted, [reports[v] for v in taking_part]),
             np.array([had[v] for v in taking_part]),
-            np.array([had[v] if parts[v][0] is Role.AWAITED else -1 for v in taking_part]),
+            np.array([had[v] if parts[v][0] is FleetRole.AWAITED else -1 for v in taking_part]),
             np.array([[j in reports[v].refused for j in range(len(goals))] for v in taking_part]),
         )
         plan = case.plan()

@@ -10,14 +10,14 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import Header, UInt8MultiArray
 
 from uav_mission_manager.echo import quoted
-from uav_mission_manager.fleet import FleetDispatcher, FleetSettings, Role, VehicleShare
+from uav_mission_manager.fleet import FleetDispatcher, FleetRole, FleetSettings, VehicleShare
 from uav_mission_manager.mdp import StateSpace, load_mission
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.clocks import safety_clock, seconds
 from uav_mission_manager.nodes.command_outputs import NO_PUBLISHER_EVENTS
 from uav_mission_manager.nodes.fleet_inputs import FleetInputs
 from uav_mission_manager.nodes.lifecycle import AUTOSTART, ManagedNode
-from uav_mission_manager.nodes.memory import STATE_DIR, last_state, open_journal
+from uav_mission_manager.nodes.memory import STATE_DIR, open_journal, state_before
 from uav_mission_manager.nodes.parameters import NodeParameter, declare
 from uav_mission_manager.nodes.presence import LISTENING, Presence
 from uav_mission_manager.nodes.priority_parameter import (
@@ -33,7 +33,7 @@ from uav_mission_manager.policy import load_policy
 from uav_mission_manager.solver.recombination import FleetPlanner
 from uav_mission_manager.solver.recombination.fleet import ASSIGNMENTS
 
-DEFAULT_SETTINGS = FleetSettings()
+FLEET_DEFAULTS = FleetSettings()
 """Defaults of the parameters."""
 
 PARAMETERS = (
@@ -51,12 +51,12 @@ PARAMETERS = (
     ),
     NodeParameter(
         'assignment',
-        DEFAULT_SETTINGS.assignment,
+        FLEET_DEFAULTS.assignment,
         f'How goals are shared out: {", ".join(ASSIGNMENTS)}',
     ),
     NodeParameter(
         'lost_after',
-        DEFAULT_SETTINGS.lost_after,
+        FLEET_DEFAULTS.lost_after,
         'Time for which a vehicle that is not heard, or does not obey its manager, keeps its goal '
         '[s]',
         3.0,
@@ -65,7 +65,7 @@ PARAMETERS = (
     ),
     NodeParameter(
         'separation',
-        DEFAULT_SETTINGS.separation,
+        FLEET_DEFAULTS.separation,
         "Least difference of two vehicles' flight_altitude [m]; who flies nearer to one before it "
         'is given no goal',
         0.0,
@@ -78,9 +78,9 @@ PARAMETERS = (
 )
 
 LEVELS = {
-    Role.READY: DiagnosticStatus.OK,
-    Role.AWAITED: DiagnosticStatus.WARN,
-    Role.OUT: DiagnosticStatus.ERROR,
+    FleetRole.READY: DiagnosticStatus.OK,
+    FleetRole.AWAITED: DiagnosticStatus.WARN,
+    FleetRole.OUT: DiagnosticStatus.ERROR,
 }
 """How bad it is for a vehicle to have a role."""
 
@@ -121,7 +121,7 @@ class FleetStation(ManagedNode):
         """Go on where the one before ended, and begin to listen."""
         p, mission = self._settings, self._planner.mission
         self._journal = open_journal(self, p.state_dir, 'fleet', mission)
-        memory, trouble = last_state(self._journal)
+        memory, trouble = state_before(self._journal)
         if memory is not None and not self._fits(memory):
             memory, trouble = None, f'{self._journal.path}: of a mission with other variables'
         if trouble:
