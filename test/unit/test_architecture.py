@@ -22,14 +22,15 @@ ALLOWED = {
     'mdp': set(),
     'solver': {'mdp'},
     'policy': {'mdp', 'solver'},
+    'learning': {'mdp', 'solver', 'policy'},
     'onboard': {'mdp', 'solver', 'policy'},
     'autopilot': {'pymavlink'},
     'drawing': {'mdp', 'onboard'},
     'console': {'mdp', 'solver', 'policy', 'onboard', 'autopilot', 'drawing'},
     'nodes': {'mdp', 'solver', 'policy', 'onboard', 'autopilot', 'drawing', 'console', 'ros'},
     'cli': {
-        *('mdp', 'solver', 'policy', 'onboard', 'autopilot', 'drawing', 'console', 'nodes'),
-        *('ros', 'pymavlink'),
+        *('mdp', 'solver', 'policy', 'learning', 'onboard', 'autopilot', 'drawing', 'console'),
+        *('nodes', 'ros', 'pymavlink'),
     },
 }
 # Room of the solver -> what it may import of the others, all of them before it.
