@@ -64,14 +64,14 @@ class ReportSection(NamedTuple):
 
 def sections(learning: Learning) -> list[ReportSection]:
     """Return what there is to say."""
-    numbers = list(_rows(learning.learned))
+    numbers, bags = list(_rows(learning.learned)), len(learning.bags)
     hours = learning.epochs * learning.seconds_per_epoch / SECONDS_PER_HOUR
     energy = learning.new.mission.energy
     assert energy is not None  # Without a speed nothing was counted.
     used = energy.power * learning.seconds_per_epoch / SECONDS_PER_HOUR
     lines = [
         f'Counted: {learning.epochs:,} epochs, {hours:.3g} h, {learning.flown:,} of them in the '
-        f'air, of {len(learning.bags)} bags. '
+        f'air, of {bags} {"bag" if bags == 1 else "bags"}. '
         f'{shown(learning.file)} is worth {learning.weight:g} events in each row.',
         f'A cell takes {learning.seconds_per_epoch:.3g} s, and {used:.3g} Wh, in normal flight.',
     ]
@@ -131,7 +131,7 @@ def _policy_lines(learning: Learning) -> Iterator[str]:
         yield f'Not compared: {learning.unsolved}.'
     else:
         yield (
-            f'The action changes in {found.changed:,} of {found.states:,} states, which are '
+            f'The action changes in {found.changed:,} of {found.states:,} states, and in '
             f'{found.flown_changed:.1%} of those that the old policy flies through.'
         )
         yield (
