@@ -52,16 +52,21 @@ def load_mission(path: str | Path) -> Mission:
     MissionError
         If the file cannot be read, is not YAML or holds a bad, missing or unknown field.
     """
-    try:
-        text = file_content(Path(path), MAX_FILE_BYTES).decode()
-    except (OSError, ValueError) as error:
-        raise MissionError(f'{shown(path)}: cannot be read: {why_not(error)}') from error
+    text = mission_file_text(path)
     try:
         data = read_yaml(text)
     except (yaml.YAMLError, RecursionError) as error:
         problem = shown(' '.join(str(error).replace('"<unicode string>", ', '').split()))
         raise MissionError(f'{shown(path)}: not valid YAML: {problem}') from error
     return mission_from_dict(data, str(path))
+
+
+def mission_file_text(path: str | Path) -> str:
+    """Return what a mission file says, unread. Raises `MissionError`."""
+    try:
+        return file_content(Path(path), MAX_FILE_BYTES).decode()
+    except (OSError, ValueError) as error:
+        raise MissionError(f'{shown(path)}: cannot be read: {why_not(error)}') from error
 
 
 def mission_from_dict(data: Any, source: str) -> Mission:

@@ -63,7 +63,7 @@ def _parser() -> CommandParser:
     )
     parser.add_argument(
         '--speedup',
-        type=_speedup,
+        type=speed_factor,
         default=1.0,
         metavar='N',
         help="seconds of the flight per second of the bag; the demo's have 8; default: 1",
@@ -71,7 +71,8 @@ def _parser() -> CommandParser:
     return parser
 
 
-def _speedup(text: str) -> float:
+def speed_factor(text: str) -> float:
+    """Read how much faster than life a flight was. Raises `argparse.ArgumentTypeError`."""
     try:
         value = float(text)
     except ValueError:
