@@ -71,7 +71,7 @@ def test_a_battery_of_four_cells_stays_one_when_it_is_empty():
 
 @pytest.mark.parametrize('energy', [ENERGY, THREE_CELLS])
 def test_a_simulated_battery_is_believed_until_it_is_nearly_empty(energy):
-    battery = SimulatedBattery()
+    battery = SimulatedBattery(cells=3)
     while battery.charge > 0.1:
         battery.drain(300.0, 1.0, 5.0, 0.0)
         reported = round(battery.charge, 2)

@@ -17,7 +17,7 @@ from pymavlink import mavutil
 
 from uav_mission_manager.arguments import complete, version_line
 from uav_mission_manager.autopilot.link import read_port
-from uav_mission_manager.autopilot.simulator.battery import Pack
+from uav_mission_manager.autopilot.simulator.battery import SMALL_PACK, Pack
 from uav_mission_manager.autopilot.simulator.flight import SimulatedFlight
 from uav_mission_manager.autopilot.simulator.frames import MOTOR_FRAMES
 from uav_mission_manager.autopilot.simulator.link import SimulatedLink
@@ -133,7 +133,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--battery',
         type=_battery,
-        default=','.join(str(value) for value in astuple(Pack())),
+        default=','.join(str(value) for value in astuple(SMALL_PACK)),
         metavar='CELLS,AH,WATTS',
         help='cells in series, capacity, and the power that hovering takes (default: %(default)s)',
     )

@@ -23,7 +23,7 @@ from uav_mission_manager.console.playback import Playback
 from uav_mission_manager.console.playback_bar import PlaybackBar
 from uav_mission_manager.console.style import PAGE_STYLE
 from uav_mission_manager.console.timeline import block_svg, blocks, row_names
-from uav_mission_manager.mdp import Mission
+from uav_mission_manager.mdp import Mission, StateSpace
 
 LOOK_PERIOD = 0.1
 """Time [s] between two looks at the fleet: a choice, half of what an eye may wait for."""
@@ -191,7 +191,8 @@ class VehiclePage:
 
     def _show_time(self, heard: Heard, mission: Mission | None) -> None:
         """Draw the blocks of the timeline that have changed."""
-        names = row_names([goal.name for goal in mission.goals] if mission else ())
+        space = StateSpace.of(mission) if mission else StateSpace(0, 1)
+        names = row_names([goal.name for goal in mission.goals] if mission else (), space.levels)
         self._names.content = '\n'.join(names)
         found = blocks(heard.epochs)
         while len(self._blocks) > len(found):
@@ -205,7 +206,7 @@ class VehiclePage:
             key = id(block[0]), id(block[-1])
             if self._drawn[position] != key:
                 self._drawn[position] = key
-                self._blocks[position].content = block_svg(block, mission)
+                self._blocks[position].content = block_svg(block, space)
 
 
 def _html(classes: str = '') -> ui.html:

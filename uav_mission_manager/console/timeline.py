@@ -12,8 +12,7 @@ import numpy as np
 
 from uav_mission_manager.console.heard import HeardEpoch
 from uav_mission_manager.echo import shown
-from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, Mission, StateSpace
-from uav_mission_manager.mdp.charge import RangeFlags
+from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, StateSpace
 
 BLOCK = 50
 """Epochs of a block: a choice, of a few tens of kilobytes."""
@@ -39,10 +38,14 @@ TIMELINE_STYLE = f"""
 """
 
 
-def row_names(goals: Sequence[str]) -> tuple[str, ...]:
-    """Names of the rows, top down, below the one with the numbers of the epochs."""
+def row_names(goals: Sequence[str], levels: int = 1) -> tuple[str, ...]:
+    """Names of the rows, top down, below the one with the numbers of the epochs.
+
+    With several `levels` of the charge it has a row, too.
+    """
     wanted = tuple(f'{shown(goal, 16)}' for goal in goals[:MOST_GOAL_ROWS])
-    return (*wanted, 'commitment', 'cell', 'threat', 'agile', 'fault')
+    charge = ('charge',) if levels > 1 else ()
+    return (*wanted, *charge, 'commitment', 'cell', 'threat', 'agile', 'fault')
 
 
 def blocks(epochs: Sequence[HeardEpoch]) -> list[Sequence[HeardEpoch]]:
@@ -53,11 +56,11 @@ def blocks(epochs: Sequence[HeardEpoch]) -> list[Sequence[HeardEpoch]]:
     return list(found.values())
 
 
-def block_svg(epochs: Sequence[HeardEpoch], mission: Mission | None, goals: int = 0) -> str:
-    """Return a block as one `svg` element; of a mission that is not known, `goals` counts them."""
-    shown_goals = min(mission.k if mission else goals, MOST_GOAL_ROWS)
-    width, height = COLUMN_WIDTH * len(epochs), ROW_HEIGHT * (shown_goals + 6)
-    rules = ''.join(f'M0 {ROW_HEIGHT * row}h{width}' for row in range(1, shown_goals + 6))
+def block_svg(epochs: Sequence[HeardEpoch], space: StateSpace) -> str:
+    """Return a block as one `svg` element, for states of a space."""
+    names = row_names([''] * space.k, space.levels)
+    width, height = COLUMN_WIDTH * len(epochs), ROW_HEIGHT * (len(names) + 1)
+    rules = ''.join(f'M0 {ROW_HEIGHT * row}h{width}' for row in range(1, len(names) + 1))
     parts = [
         f'<svg class="timeline" width="{width}" height="{height}" '
         f'viewBox="0 0 {width} {height}" role="img" '
@@ -65,7 +68,7 @@ def block_svg(epochs: Sequence[HeardEpoch], mission: Mission | None, goals: int 
         f'<path class="rule" d="{rules}"/>',
         *_heads(epochs, height),
     ]
-    for row, cells in enumerate(_rows(epochs, mission, goals), 1):
+    for row, cells in enumerate(_rows(epochs, space), 1):
         parts += _runs(cells, row)
     return ''.join((*parts, '</svg>'))
 
@@ -74,7 +77,8 @@ def _heads(epochs: Sequence[HeardEpoch], height: int) -> Iterator[str]:
     """Numbers of the epochs, each with all that is known of it as a tooltip."""
     for column, epoch in enumerate(epochs):
         x = COLUMN_WIDTH * column
-        state = ' '.join(map(str, epoch.state)) or 'not known'
+        decision = epoch.decision
+        state = decision.space.text(decision.state) if decision.state else 'not known'
         title = f'{epoch.time_of_day}  {shown(epoch.command) or "no command"}  state {state}'
         yield (
             f'<text class="head" x="{x + COLUMN_WIDTH / 2}" y="14">{epoch.number}</text>'
@@ -87,17 +91,16 @@ Cell = tuple[str, str]
 """Text and class of a cell of the timeline; an empty class is not coloured."""
 
 
-def _rows(
-    epochs: Sequence[HeardEpoch], mission: Mission | None, goals: int
-) -> Iterator[list[Cell]]:
+def _rows(epochs: Sequence[HeardEpoch], space: StateSpace) -> Iterator[list[Cell]]:
     """Yield the cells of each row; empty where nothing was decided."""
-    space = StateSpace.of(mission) if mission else StateSpace(goals, 1)
     states = [each.state if len(each.state) == len(space.names) else () for each in epochs]
     views = [space.split(np.array(state)) if state else None for state in states]
-    flags = RangeFlags(mission) if mission else None
-    known = [(s.g.tolist(), (flags(s) if flags else s.r).tolist()) if s else None for s in views]
+    told = [each.decision.in_range or (1,) * space.k for each in epochs]
+    known = [(s.g.tolist(), flags) if s else None for s, flags in zip(views, told)]
     for j in range(min(space.k, MOST_GOAL_ROWS)):
         yield [_goal_cell((here[0][j], here[1][j]) if here else None) for here in known]
+    if space.levels > 1:
+        yield [(str(s.b[0]), '') if s else ('', '') for s in views]
     yield [
         ('silent', 'none-1') if not epoch.command else _commitment(state)
         for epoch, state in zip(epochs, states)

@@ -281,8 +281,12 @@ class MavlinkBridge(ManagedNode):
             return
         link, output = self._bridge.link, self._bridge.output
         troubles = self._clock_watch.problem, self._journal.error
-        troubles = *self._energy.warnings, *filter(None, troubles)
-        warnings = *self._inputs.complaints, *self._bridge.warnings, *troubles
+        warnings = (
+            *self._inputs.complaints,
+            *self._bridge.warnings,
+            *self._energy.warnings,
+            *filter(None, troubles),
+        )
         level = DiagnosticStatus.WARN
         if not link.up:
             level = DiagnosticStatus.ERROR

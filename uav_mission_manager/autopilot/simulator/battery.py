@@ -23,17 +23,21 @@ PACK_RESISTANCE = 0.01
 
 @dataclass(frozen=True)
 class Pack:
-    """A battery and what hovering takes of it: cells in series, [Ah], [W]. Defaults are choices."""
+    """A battery, and what hovering takes of it: cells in series, [Ah], [W]."""
 
-    cells: int = 3
-    capacity: float = 5.0
-    hover_power: float = 200.0
+    cells: int
+    capacity: float
+    hover_power: float
+
+
+SMALL_PACK = Pack(3, 5.0, 200.0)
+"""The simulated battery unless something else is asked for: a choice, 12.6 V when full."""
 
 
 class SimulatedBattery:
     """A lithium polymer battery: charge 0-1, voltage under load [V], current [A]."""
 
-    def __init__(self, cells: int = Pack.cells) -> None:
+    def __init__(self, cells: int) -> None:
         self._cells = cells
         self.charge = 1.0
         self.current = 0.0

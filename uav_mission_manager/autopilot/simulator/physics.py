@@ -11,7 +11,7 @@ import math
 import random
 from dataclasses import dataclass
 
-from uav_mission_manager.autopilot.simulator.battery import Pack, SimulatedBattery
+from uav_mission_manager.autopilot.simulator.battery import SMALL_PACK, Pack, SimulatedBattery
 from uav_mission_manager.autopilot.simulator.frames import QUAD_X, MotorFrame, motor_loads
 from uav_mission_manager.geodesy import Origin
 
@@ -102,7 +102,7 @@ class Conditions:
 class Multirotor:
     """The body, moved by `step`; it starts on the ground at the origin, facing north."""
 
-    def __init__(self, seed: int = 0, frame: MotorFrame = QUAD_X, pack: Pack = Pack()) -> None:
+    def __init__(self, seed: int = 0, frame: MotorFrame = QUAD_X, pack: Pack = SMALL_PACK) -> None:
         self.frame = frame
         self._hover_power = pack.hover_power
         self.position = 0j

@@ -60,7 +60,7 @@ class DemoMission:
 
 
 def shipped_mission(name: str, logs: Path, speedup: float) -> DemoMission:
-    """Return a shipped mission; its policy set is built beside its logs, unless that takes long."""
+    """Return a shipped mission; its policy set is built beside its logs unless that takes long."""
     title, script = CASES[name]
     if name in SOLVED_BEFORE:
         own = mission_of(share_directory() / 'policies' / name, speedup)
