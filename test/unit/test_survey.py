@@ -42,11 +42,18 @@ def test_building_it_anew_gives_the_same_decisions(policy):
     assert same.mean() > 0.99
 
 
+def test_no_cost_is_expected_below_0(policy):
+    states = policy.space.draw(2_000, np.random.default_rng(4))
+    states[:, 2:7] = 0  # Nothing is wanted: what is left to pay is little.
+    assert policy.q_values(states).min() >= 0.0
+    assert policy.expansion.theta.min() < 0.0
+
+
 def test_a_recharge_is_chosen_while_every_goal_is_in_range(policy):
-    """At the bridge with the slope to do: enough to fly there, not to work there and return."""
+    """On the way to the slope: enough to fly there, not to work there and return."""
     flags, chosen = RangeFlags(MISSION), {}
     for level in range(MISSION.range.levels):
-        state = np.array([[1, level, 0, 0, 0, 0, 2, 19, 0, 0, 0]])
+        state = np.array([[1, level, 0, 0, 0, 0, 2, 18, 5, 0, 0]])
         decision = policy.decide(state[0].tolist())
         reach = flags(policy.space.split(state)).all()
         chosen[level] = decision.action.kind, bool(reach)
