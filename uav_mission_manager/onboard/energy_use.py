@@ -27,7 +27,7 @@ LEAST_SECONDS = 60.0
 LONGEST_PAUSE = 10.0
 """Time [s] between two reports, at most, for the flight between them to be known: a choice."""
 
-JUMP = 0.025
+GAUGE_JUMP = 0.025
 """Charge (0 to 1) that flight draws from one report to the next, at most: a choice, two steps of
 the gauge; more is a gauge that corrects itself, or another battery."""
 
@@ -100,4 +100,4 @@ class EnergyUse:
 def _follows(last: tuple[bool, float, float], charge: float, now: float) -> bool:
     """Whether flight alone led from one report to the next: nothing was charged or changed."""
     _, before, at = last
-    return 0.0 <= before - charge <= JUMP and 0.0 <= now - at <= LONGEST_PAUSE
+    return 0.0 <= before - charge <= GAUGE_JUMP and 0.0 <= now - at <= LONGEST_PAUSE
