@@ -92,9 +92,7 @@ def mission_from_dict(data: Any, source: str) -> Mission:
         range=root.below('range', lambda section: _range(section, grid, energy, cost)),
         threat=root.below('threat', lambda section: _threat(section, grid, epoch, cost)),
         distance_weight=root.get('distance_weight', cost),
-        service_cost=root.below(
-            'service_cost', lambda section: ServiceCost(**_all(section, cost))
-        ),
+        service_cost=root.below('service_cost', lambda section: ServiceCost(**section.all(cost))),
         energy=energy,
         areas=root.below('areas', lambda section: _areas(section, grid)) or Areas(),
         fleet=root.below('fleet', lambda section: _fleet(section, goals)),
@@ -163,19 +161,14 @@ def _grid(section: Section) -> Grid:
         base=section.get('base', _cell(size)),
         service=section.get('service', _cell(size)),
         cell_size=section.get('cell_size'),
-        origin=section.below('origin', lambda origin: Origin(**_all(origin))),
+        origin=section.below('origin', lambda origin: Origin(**origin.all())),
         elevation=section.cells('elevation', _cell_key(size)),
         bearing=section.get('bearing'),
     )
 
 
-def _all(section: Section, then: Callable[[Any], Any] = as_given) -> dict[str, Any]:
-    """Return every field of a section of plain values."""
-    return {row.key: section.get(row.key, then) for row in section.table.rows}
-
-
 def _energy(section: Section) -> Energy:
-    return Energy(**_all(section))
+    return Energy(**section.all())
 
 
 def _areas(section: Section, grid: Grid) -> Areas:
@@ -200,7 +193,7 @@ def _areas(section: Section, grid: Grid) -> Areas:
 
 def _fleet(section: Section, goals: tuple[Goal, ...]) -> FleetRules:
     try:
-        weights = section.below('weights', lambda weights: PriorityWeights(**_all(weights)))
+        weights = section.below('weights', lambda weights: PriorityWeights(**weights.all()))
         plain = {r.key: section.get(r.key) for r in section.table.rows if r.key != 'weights'}
         rules = FleetRules(weights, **plain)
         rules.limits([goal.name for goal in goals])
@@ -254,7 +247,7 @@ def _priorities(section: Section, epoch: Epoch) -> Matrix | None:
     """Return the priorities' transitions that the mission or one goal gives, in either way."""
     if 'requests_per_hour' not in section:
         return section.get('priority_transition')
-    rates = section.below('requests_per_hour', _all)
+    rates = section.below('requests_per_hour', Section.all)
     to = {
         0: (0.0, rates['low'], rates['high']),
         1: (rates['withdrawn'], 0.0, rates['raised']),
@@ -309,7 +302,7 @@ def _range(
 def _charge(section: Section, grid: Grid, energy: Energy, cost: Callable[[Any], Any]) -> Charge:
     levels = section.get('levels')
     if 'drain' in section:
-        drain = section.below('drain', lambda modes: Drain(**_all(modes)))
+        drain = section.below('drain', lambda modes: Drain(**modes.all()))
     else:
         try:
             drain = drain_by_energy(energy, grid.cell_size, levels, section.get('noise'))

@@ -116,11 +116,11 @@ def _surprises(taken: list[Decided], errors: list[float], names: Names) -> tuple
     """Name each by the news in its epoch; epochs without any are summed by command."""
     found, quiet = [], dict[str, float]()
     for error, (_, before), (at, after) in zip(errors, taken, taken[1:]):
-        news = '; '.join(state_news(before.state, after.state, names))
+        news = '; '.join(state_news(before, after, names))
         if news:
             found.append(Surprise(at, error, news))
         else:
-            words = names.command(before.command, before.state)
+            words = names.command(before.command, before)
             quiet[words] = quiet.get(words, 0.0) + error
     found += [
         Surprise(math.nan, cost, f'{words}: all epochs without news')

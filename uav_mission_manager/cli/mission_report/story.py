@@ -66,9 +66,9 @@ class Names:
         found = [f'{self[j]} {PRIORITY_WORDS[g]}' for j, g in enumerate(priorities) if 0 < g < 3]
         return ', '.join(found)
 
-    def command(self, command: str, state: Sequence[int]) -> str:
-        """Return a command in large words."""
-        return headline(command, bool(state) and state[-4] == self._base)
+    def command(self, command: str, decision: HeardDecision) -> str:
+        """Return a command, in what was decided, in large words."""
+        return headline(command, bool(decision.state) and decision.named.l == self._base)
 
 
 def story(record: FlightRecord, names: Names) -> list[StoryRow]:
@@ -138,11 +138,11 @@ def command_rows(decided: Sequence[Decided], names: Names) -> Iterator[StoryRow]
             continue
         number += 1
         reason = decision.reason.partition('; expected cost')[0]
-        news = _since(before.state, decision.state, names)
+        news = _since(before, decision, names)
         yield StoryRow(
             at,
             'command',
-            names.command(decision.command, decision.state),
+            names.command(decision.command, decision),
             number,
             tuple(text for text in news if text != reason),
             reason,
@@ -151,39 +151,44 @@ def command_rows(decided: Sequence[Decided], names: Names) -> Iterator[StoryRow]
         )
 
 
-def _since(before: Sequence[int], after: Sequence[int], names: Names) -> tuple[str, ...]:
+def _since(before: HeardDecision, after: HeardDecision, names: Names) -> tuple[str, ...]:
     """Say what has changed since the command before: if nothing else, where the vehicle is."""
     news = tuple(state_news(before, after, names))
-    if not news and before and len(before) == len(after) and before[-4] != after[-4]:
-        return (f'in cell {after[-4]} by now',)
+    if not news and _comparable(before, after) and before.named.l != after.named.l:
+        return (f'in cell {after.named.l} by now',)
     return news
 
 
 def _second(decision: HeardDecision, names: Names) -> str:
     if not decision.runner_up:
         return 'nothing else was allowed'
-    text = names.command(decision.runner_up, decision.state)
+    text = names.command(decision.runner_up, decision)
     if decision.margin < 0:
         return f'{text}, {-decision.margin:.3g} less, after a wait'
     return f'{text}, {decision.margin:.3g} more'
 
 
-def state_news(before: Sequence[int], after: Sequence[int], names: Names) -> Iterator[str]:
+def _comparable(before: HeardDecision, after: HeardDecision) -> bool:
+    """Whether both were decided in a state, of the same variables."""
+    return bool(before.state and after.state) and before.space == after.space
+
+
+def state_news(before: HeardDecision, after: HeardDecision, names: Names) -> Iterator[str]:
     """Say what has changed from state to state, but for what the vehicle does itself."""
-    if len(before) != len(after) or not after:
+    if not _comparable(before, after):
         return
-    k = (len(after) - 5) // 2
-    if before[0] != after[0]:
-        yield f'fault {FAULT_MODES[before[0] - 1]} → {FAULT_MODES[after[0] - 1]}'
-    lost = [names[j] for j in range(k) if before[1 + j] > after[1 + j]]
-    back = [names[j] for j in range(k) if before[1 + j] < after[1 + j]]
+    was, now = before.named, after.named
+    if was.f != now.f:
+        yield f'fault {FAULT_MODES[was.f - 1]} → {FAULT_MODES[now.f - 1]}'
+    flags = list(enumerate(zip(before.in_range, after.in_range)))
+    lost = [names[j] for j, (earlier, later) in flags if earlier > later]
+    back = [names[j] for j, (earlier, later) in flags if earlier < later]
     if lost:
         yield f'out of range: {", ".join(lost)}'
     if back:
         yield f'in range again: {", ".join(back)}'
-    for j in range(k):
-        was, now = before[1 + k + j], after[1 + k + j]
-        if was != now:
-            yield f'{names[j]}: {PRIORITY_WORDS[now]}{"" if now else " any more"}'
-    if before[-2] != after[-2]:
-        yield f'threat {THREAT_LEVELS[before[-2]]} → {THREAT_LEVELS[after[-2]]}'
+    for j, (earlier, later) in enumerate(zip(was.g.tolist(), now.g.tolist())):
+        if earlier != later:
+            yield f'{names[j]}: {PRIORITY_WORDS[later]}{"" if later else " any more"}'
+    if was.t != now.t:
+        yield f'threat {THREAT_LEVELS[was.t]} → {THREAT_LEVELS[now.t]}'
