@@ -15,7 +15,7 @@ from uav_mission_manager.console.markup import other_html
 from uav_mission_manager.console.other_policy import OtherDecision, OtherPolicy
 from uav_mission_manager.console.playback import FLIGHT_STEP, Playback, RecordedFlight
 from uav_mission_manager.console.timeline import block_svg, row_names
-from uav_mission_manager.mdp import global_actions, mission_from_dict
+from uav_mission_manager.mdp import StateSpace, global_actions, mission_from_dict
 from uav_mission_manager.onboard import Refusal, format_command
 from uav_mission_manager.onboard.trace import ReplayedStep, outcome_values
 
@@ -120,7 +120,7 @@ def test_the_timeline_has_a_row_for_it():
     epochs = [HeardEpoch(n, '', STATES[0], 'none normal') for n in (1, 2, 3, 4)]
     commands = {2: 'commit goal2 agile', 3: 'recharge', 4: ''}
     plain, marked = (
-        ElementTree.fromstring(block_svg(epochs, MISSION, others=others))
+        ElementTree.fromstring(block_svg(epochs, StateSpace.of(MISSION), others, MISSION))
         for others in (None, commands)
     )
     words = [e.text for e in marked.iter('text')]
@@ -130,7 +130,7 @@ def test_the_timeline_has_a_row_for_it():
     titles = [e.text for e in marked.iter('title')]
     assert 'other policy' not in titles[0]
     assert titles[1].endswith('other policy: commit goal2 agile')
-    assert row_names(['a'], True)[-1] == 'other policy'
+    assert row_names(['a'], other=True)[-1] == 'other policy'
     assert 'other policy' not in row_names(['a'])
 
 

@@ -221,11 +221,11 @@ def test_goals_are_asked_for_begun_and_done_as_in_the_bag(page: Page) -> None:
         j, end = int(name[-1]) - 1, seconds_of(done)
         raised = [at for (_, was), (at, now) in pairwise(requests) if now[j] > was[j] and at < end]
         assert asked.partition(', ')[0] == clock(raised[-1])
-        first = [
+        first = next(
             at
             for at, values, _ in decisions()
             if raised[-1] <= at < end and values['command'].startswith(f'commit {name} ')
-        ][0]
+        )
         assert begun == clock(first)
         wanted = [
             at for at, v, _ in decisions() if at >= raised[-1] and int(v['state'].split()[4 + j])
@@ -303,18 +303,18 @@ def test_what_waited_is_told_with_how_long(page: Page) -> None:
         at = [at for (_, was), (at, now) in pairwise(states) if now[place] == quiet != was[place]]
         text = f'{words} counts now: heard at {clock(over)}, {at[-1] - over:.0f} s before'
         assert (clock(at[-1]), text) in rows
-    asked = [at for at, message in said('goal_priorities') if any(message.data)][0]
-    counted = [at for at, values, _ in decisions() if '1' in values['state'].split()[4:7]][0]
+    asked = next(at for at, message in said('goal_priorities') if any(message.data))
+    counted = next(at for at, values, _ in decisions() if '1' in values['state'].split()[4:7])
     [request] = [text for _, text in rows if 'counts from' in text]
     assert request.endswith(f'; counts from {clock(counted)} on, {counted - asked:.0f} s later')
     kept = [(at, values) for at, values, _ in decisions() if float(values['margin']) < 0]
-    flown = [at for at, v, _ in decisions() if at > kept[0][0] and float(v['margin']) >= 0][0]
+    flown = next(at for at, v, _ in decisions() if at > kept[0][0] and float(v['margin']) >= 0)
     [change] = [row for row in page.table('what', 'why') if 'a change of mind waits' in row[-3]]
     assert change[0] == clock(flown)
     assert f'decided {flown - kept[0][0]:.0f} s before; a change of mind waits' in change[3]
     charges = [(at, message.percentage) for at, message in said('battery_state')]
-    full = [at for (_, was), (at, now) in pairwise(charges) if now - was > 0.1][0]
-    back = [at for at, state in states if at > full and state[1:4] == ['1', '1', '1']][0]
+    full = next(at for (_, was), (at, now) in pairwise(charges) if now - was > 0.1)
+    back = next(at for at, state in states if at > full and state[1:4] == ['1', '1', '1'])
     text = f'the new charge counts now: heard at {clock(full)}, {back - full:.0f} s before'
     assert (clock(back), text) in rows
 
@@ -604,7 +604,7 @@ def refusal(arguments: Sequence[str], capsys: pytest.CaptureFixture[str]) -> str
         (
             lambda folder: bag_of(folder / 'bag', [decided(0.0, state='1 7 2 2 0 0 0 0')]),
             (),
-            'at 0.00 s: states with a charge (range.charge) have no report of flights yet',
+            None,
         ),
         (
             lambda folder: bag_of(folder / 'bag', [decided(0.0, values='1 2')]),

@@ -36,7 +36,7 @@ def main(args: list[str] | None = None) -> int:
         if options.json:
             print(json.dumps(answer, allow_nan=False))
         else:
-            print_replay(answer)
+            print_replay(answer, policy.space)
         return 0
 
 

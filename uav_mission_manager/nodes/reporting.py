@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Header
 
+from uav_mission_manager.console.heard import CHARGE_LEVEL, IN_RANGE
 from uav_mission_manager.echo import shown
 from uav_mission_manager.frames import MAP_FRAME
 from uav_mission_manager.mdp import (
@@ -95,11 +96,11 @@ def state_in_words(mission: Mission, state: Sequence[int]) -> dict[str, str]:
     goals = [goal.name for goal in mission.goals]
     flags, charge = RangeFlags(mission)(s), dict[str, str]()
     if mission.range.charge is not None:
-        charge['charge level'] = f'{s.b[0]} of 0 to {mission.range.levels - 1}'
+        charge[CHARGE_LEVEL] = f'{s.b[0]} of 0 to {mission.range.levels - 1}'
     return {
         'fault mode': FAULT_MODES[s.f - 1],
         **charge,
-        **{f'{goal} in range': 'yes' if r else 'no' for goal, r in zip(goals, flags)},
+        **{f'{goal}{IN_RANGE}': 'yes' if r else 'no' for goal, r in zip(goals, flags)},
         **{f'{goal} priority': PRIORITY_LEVELS[g] for goal, g in zip(goals, s.g)},
         'cell': f'{s.l}, column {col} and row {row} from 0',
         'committed to': goals[s.c - 1] if s.c else 'no goal',

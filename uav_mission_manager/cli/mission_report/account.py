@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uav_mission_manager.cli.mission_report.flight_record import Decided, FlightRecord
-from uav_mission_manager.cli.mission_report.story import Names, news_between
+from uav_mission_manager.cli.mission_report.story import Names, state_news
 from uav_mission_manager.mdp import Mission, stage_costs
 from uav_mission_manager.onboard import parse_command
 from uav_mission_manager.policy import Policy
@@ -146,11 +146,11 @@ def _surprises(
     """Name each by its news, or by the command that was slow; all others are summed."""
     found, quiet = [], dict[str, list[float]]()
     for error, before, after in zip(errors, taken, taken[1:]):
-        news = '; '.join(news_between(before.decision, after.decision, names))
+        news = '; '.join(state_news(before.decision, after.decision, names))
         if news:
             found.append(Surprise(_heard_at(decided, before, after, names), error, news))
         else:
-            words = names.command(before.decision.command, before.decision.state)
+            words = names.command(before.decision.command, before.decision)
             quiet.setdefault(words, []).append(error)
     others = []
     for words, costs in quiet.items():
@@ -174,5 +174,5 @@ def _heard_at(decided: list[Decided], before: Decided, after: Decided, names: Na
     return next(
         each.at
         for each in decided
-        if each.at > before.at and news_between(before.decision, each.decision, names)
+        if each.at > before.at and any(state_news(before.decision, each.decision, names))
     )

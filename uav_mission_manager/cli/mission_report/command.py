@@ -12,7 +12,6 @@ from uav_mission_manager.cli.mission_report.flight_record import FlightRecord, f
 from uav_mission_manager.cli.mission_report.policy_page import policy_page
 from uav_mission_manager.console.messages import DECISION_TOPIC
 from uav_mission_manager.echo import quoted, shown
-from uav_mission_manager.mdp import FAULT_MODES
 from uav_mission_manager.onboard import parse_command
 from uav_mission_manager.paths import write_whole
 from uav_mission_manager.policy import Policy, load_policy
@@ -22,10 +21,6 @@ MANIFEST = 'manifest.json'
 
 MOST_SPEEDUP = 1000.0
 """Seconds of a flight per second of its bag, at most: a choice, no simulation is so fast."""
-
-
-CHARGE_NOT_REPORTED = 'states with a charge (range.charge) have no report of flights yet'
-"""Why a flight is refused."""
 
 
 def main(args: list[str] | None = None) -> int:
@@ -63,7 +58,7 @@ def _parser() -> CommandParser:
     )
     parser.add_argument(
         '--speedup',
-        type=_speedup,
+        type=speed_factor,
         default=1.0,
         metavar='N',
         help="seconds of the flight per second of the bag; the demo's have 8; default: 1",
@@ -71,7 +66,8 @@ def _parser() -> CommandParser:
     return parser
 
 
-def _speedup(text: str) -> float:
+def speed_factor(text: str) -> float:
+    """Read how much faster than life a flight was. Raises `argparse.ArgumentTypeError`."""
     try:
         value = float(text)
     except ValueError:
@@ -105,25 +101,19 @@ def _flight_report(options: argparse.Namespace, bag: Path) -> str:
 def _check_states(bag: str, record: FlightRecord) -> None:
     """Refuse what is no state of any mission; length and threat were looked at before."""
     for at, decision in record.decided:
-        state, k = decision.state, (len(decision.state) - 5) // 2
-        if not state:
-            continue
-        if len(state) % 2 == 0:
-            raise ValueError(f'{shown(bag)}: at {at:.2f} s: {CHARGE_NOT_REPORTED}')
-        limits = ((1, len(FAULT_MODES)), *((0, 1),) * k, *((0, 2),) * k)
-        for value, (low, high) in zip(state, limits):
-            if not low <= value <= high:
+        state, space = decision.state, decision.space
+        for name, value, values in zip(space.names, state, space.shape):
+            low = int(name == 'f')
+            if name != 'l' and not low <= value < low + values:
                 raise ValueError(
                     f'{shown(bag)}: at {at:.2f} s: {DECISION_TOPIC}: state: {shown(state)} has '
-                    f'{shown(value)} where {low} to {high} may be'
+                    f'{shown(value)} where {low} to {low + values - 1} may be'
                 )
 
 
 def _check_mission(bag: str, record: FlightRecord, policy: Policy) -> None:
     """Refuse decisions that no policy of this mission can have made."""
     mission = policy.mission
-    if mission.range.charge is not None:
-        raise ValueError(f'{shown(bag)}: mission {shown(mission.name)}: {CHARGE_NOT_REPORTED}')
     actions = 2 * mission.k + 4
     for at, decision in record.decided:
         if not decision.state:

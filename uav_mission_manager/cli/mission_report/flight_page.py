@@ -77,7 +77,7 @@ def flight_page(record: FlightRecord, bag: str, policy: Policy | None) -> str:
             _story_table(rows),
             *_map(record, mission, commands),
             '<h2>Each decision</h2>',
-            *_timeline(record, names, mission),
+            *_timeline(record, names),
             *_battery(record, mission.energy if mission else None, commands),
             *(_costs(account, policy) if policy else ()),
             how_to_read(mission, account, record.speedup),
@@ -164,27 +164,28 @@ def _map(
     yield f'<li>numbers in frames: commands</li>{ground_legend(mission)}</ul>'
 
 
-def _timeline(record: FlightRecord, names: Names, mission: Mission | None) -> Iterator[str]:
+def _timeline(record: FlightRecord, names: Names) -> Iterator[str]:
     decided = [each for each in record.decided if each.decision.state][:MOST_COLUMNS]
     if not decided:
         yield page.note('Nothing was decided.')
         return
-    goals = (len(decided[0].decision.state) - 5) // 2
-    rows = escape('\n'.join(row_names([names[j] for j in range(goals)])))
+    space = decided[0].decision.space
+    rows = escape('\n'.join(row_names([names[j] for j in range(space.k)], space.levels)))
+    charge = '' if space.levels == 1 else f'level of the charge (0 to {space.levels - 1}), '
     yield page.note(
         f'{len(decided):,} times state or command changed, a column each: '
-        'priorities of the goals (out: out of range), goal committed to, cell, threat, mode, '
-        'parts that have failed (S sensor, A actuator, C camera).'
+        f'priorities of the goals (out: out of range), {charge}goal committed to, cell, threat, '
+        'mode, parts that have failed (S sensor, A actuator, C camera).'
     )
     for first in range(0, len(decided), STRIP_COLUMNS):
         part = decided[first : first + STRIP_COLUMNS]
         epochs = [
-            HeardEpoch(number, clock(each.at), each.decision.state, each.decision.command)
+            HeardEpoch(number, clock(each.at), each.decision)
             for number, each in enumerate(part, first + 1)
         ]
         yield f'<div class="strip"><div></div><div class="note">{clock(part[0].at)} to '
         yield f'{clock(part[-1].at)}</div><div class="timeline-names">{rows}</div>'
-        yield f'{block_svg(epochs, mission, goals)}</div>'
+        yield f'{block_svg(epochs, space)}</div>'
 
 
 def _battery(

@@ -86,8 +86,7 @@ def requests(record: FlightRecord, names: list[str]) -> list[WantedGoal]:
     for at, decision in record.decided:
         if not decision.state:
             continue
-        k = (len(decision.state) - 5) // 2
-        for j, g in enumerate(decision.state[1 + k : 1 + 2 * k]):
+        for j, g in enumerate(decision.named.g.tolist()):
             if g and j not in wanted:
                 wanted[j] = WantedGoal(j, g, at, math.inf, False, decision.state)
             elif g:

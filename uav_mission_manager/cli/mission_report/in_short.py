@@ -15,6 +15,7 @@ from uav_mission_manager.cli.mission_report.story import SERVICE_CELL, Names, St
 from uav_mission_manager.cli.mission_report.waits import CHARGE_JUMP
 from uav_mission_manager.console.map_overlay import PRIORITY_WORDS
 from uav_mission_manager.echo import shown
+from uav_mission_manager.mdp import THREAT_LEVELS
 
 JUST_BEFORE = 10.0
 """Time [s] within which a jump of the charge is told with what followed: a choice."""
@@ -96,9 +97,11 @@ def _agile(before: StoryRow | None, row: StoryRow) -> str:
     if command != 'none':
         on = 'on ' if before and before.decision.command.startswith(f'{command} ') else ''
         where = f'It went {on}to {shown(command.removeprefix("commit "), 60)}, agile'
-    reason, _, threat = row.reason.rpartition(', threat ')
-    risen = before is None or row.decision.state[-2:-1] > before.decision.state[-2:-1]
-    threat = f'threat {threat} {"was heard" if risen else "still counted"}'
+    reason, _, threat = row.reason.partition(', threat ')
+    if threat in ('', THREAT_LEVELS[0]):
+        return f'{where}: {reason}'
+    heard = any(text.startswith('threat ') for text in row.news)
+    threat = f'threat {threat} {"was heard" if heard else "still counted"}'
     return f'{where}: {threat}' if command != 'none' else f'{where}: {reason}, and {threat}'
 
 
@@ -156,8 +159,8 @@ def goals_table(
         )
     return page.table((*heads, 'slower than'), rows, (3, 4, 5, 6, 7)) + (
         page.note(
-            f'Expected: of {count:,} flights simulated from where the request counts. They know of '
-            'no take-off, landing, climb or work at the service cell, so a real one looks slower.'
+            f'Expected: of {count:,} flights simulated from where the request counts. They know '
+            'no take-off, landing, climb or service time, so a real one looks slower.'
         )
     )
 

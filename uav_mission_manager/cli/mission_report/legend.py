@@ -25,7 +25,7 @@ def _entries(
     )
     yield (
         'cost',
-        'Expected from there on, of open goals, goals out of range, distance, services, faults and '
+        'Expected from there on, of goals open or out of range, distance, services, faults and '
         f'threats{weight}. More: than that of the command.',
     )
     if account is not None:

@@ -22,6 +22,9 @@ TAKE_OFF_TIME = 20.0
 LEAST_WAIT = 1.0
 """Time [s] from which it is told that a change of mind waited: a choice."""
 
+NOT_DECIDED = HeardDecision('')
+"""Before anything is decided."""
+
 
 @dataclass(frozen=True)
 class StoryRow:
@@ -55,7 +58,7 @@ class StoryRow:
     reason: str = ''
     second: str = ''
     cost: str = ''
-    decision: HeardDecision = HeardDecision('')
+    decision: HeardDecision = NOT_DECIDED
 
 
 SERVICE_CELL = 'in the service cell'
@@ -79,15 +82,15 @@ class Names:
         found = [f'{self[j]} {PRIORITY_WORDS[g]}' for j, g in enumerate(priorities) if 0 < g < 3]
         return ', '.join(found)
 
-    def command(self, command: str, state: Sequence[int]) -> str:
-        """Return a command in large words."""
-        return headline(command, bool(state) and state[-4] == self._base)
+    def command(self, command: str, decision: HeardDecision) -> str:
+        """Return a command, in what was decided, in large words."""
+        return headline(command, bool(decision.state) and decision.named.l == self._base)
 
     def place(self, decision: HeardDecision) -> str:
         """Say where the vehicle was at a decision; '' where that is not known."""
         if not decision.state:
             return ''
-        cell = decision.state[-4]
+        cell = int(decision.named.l)
         if cell == self._base:
             return 'in the base cell'
         service = self.mission is not None and cell == self.mission.grid.service
@@ -109,12 +112,7 @@ def story(record: FlightRecord, names: Names, found: Sequence[WantedGoal]) -> li
         *_requests(record, names, found),
         *_jumps(record),
         *_flights(record, names, [row for row in commands if row.number]),
-        *(
-            StoryRow(at, '', text)
-            for at, text in ends_of_dangers(
-                record, lambda before, after: news_between(before, after, names)
-            )
-        ),
+        *(StoryRow(at, '', text) for at, text in ends_of_dangers(record)),
     ]
     return sorted([*events, *commands], key=lambda row: (row.at, row.number > 0))
 
@@ -183,14 +181,15 @@ def _authorities(record: FlightRecord) -> Iterator[StoryRow]:
 
 def command_rows(record: FlightRecord, names: Names) -> Iterator[StoryRow]:
     """Yield the commands, each where it differs from the one before."""
-    number, last, since, previous = 0, None, HeardDecision(''), HeardDecision('')
+    number, last, since, previous = 0, None, NOT_DECIDED, NOT_DECIDED
     wish, wished_at = '', 0.0
     for at, decision in record.decided:
         if decision.command == last:
             since = since if since.state else decision
             previous = decision
-            if decision.margin < 0 and decision.runner_up != wish:
-                wish, wished_at = decision.runner_up, at
+            kept = decision.runner_up if decision.margin < 0 else ''
+            if kept != wish:
+                wish, wished_at = kept, at
             continue
         last, before = decision.command, since
         since = decision if decision.state else since
@@ -200,11 +199,11 @@ def command_rows(record: FlightRecord, names: Names) -> Iterator[StoryRow]:
             continue
         number += 1
         reason = decision.reason.partition('; expected cost')[0]
-        news = _since(before.state, decision.state, names)
+        news = _since(before, decision, names)
         row = StoryRow(
             at,
             'command',
-            names.command(decision.command, decision.state),
+            names.command(decision.command, decision),
             number,
             tuple(_untold(news, reason, record, at)),
             reason,
@@ -248,37 +247,38 @@ def _turned(
     before: HeardDecision, previous: HeardDecision, now: HeardDecision, names: Names
 ) -> Iterator[str]:
     """Say what made the difference where nothing has changed but the place."""
-    if names.mission is None or news_between(before, now, names) or not before.state:
+    known = before.state and previous.state and now.state
+    if names.mission is None or not known or any(state_news(before, now, names)):
         return
     found = then_and_now(names.mission, previous, now)
-    if found and previous.state[-4] != now.state[-4]:
+    if found and previous.named.l != now.named.l:
         (new_then, old_then), (new, old) = found
-        words = [names.command(each.command, now.state) for each in (now, previous)]
+        words = [names.command(each.command, now) for each in (now, previous)]
         yield (
             f'{words[0]} costs {new:.4g} there, {words[1]} {old:.4g}; '
-            f'in cell {previous.state[-4]} it was {new_then:.4g} and {old_then:.4g}'
+            f'in cell {previous.named.l} it was {new_then:.4g} and {old_then:.4g}'
         )
 
 
-def _since(before: Sequence[int], after: Sequence[int], names: Names) -> tuple[str, ...]:
+def _since(before: HeardDecision, after: HeardDecision, names: Names) -> tuple[str, ...]:
     """Say what has changed since the command before: if nothing else, where the vehicle is."""
     news = tuple(state_news(before, after, names))
-    if not news and before and len(before) == len(after) and before[-4] != after[-4]:
-        return (f'in cell {after[-4]} by now',)
+    if not news and _comparable(before, after) and before.named.l != after.named.l:
+        return (f'in cell {after.named.l} by now',)
     return news
 
 
 def _second(decision: HeardDecision, names: Names) -> str:
     if not decision.runner_up:
         return 'nothing else was allowed'
-    text = names.command(decision.runner_up, decision.state)
+    text = names.command(decision.runner_up, decision)
     if decision.margin < 0:
         return f'{text}, {-decision.margin:.3g} less, after a wait'
     text = f'{text}, {decision.margin:.3g} more'
     other = names.mission and other_destination(names.mission, decision)
     if other:
         text = f'the same{_mode(decision.runner_up)}, {decision.margin:.3g} more'
-        text += f'; {names.command(other[0], decision.state)}, {other[1]:.3g}'
+        text += f'; {names.command(other[0], decision)}, {other[1]:.3g}'
     return text
 
 
@@ -286,27 +286,27 @@ def _mode(command: str) -> str:
     return ' agile' if command.endswith(' agile') else ', not agile'
 
 
-def news_between(before: HeardDecision, after: HeardDecision, names: Names) -> tuple[str, ...]:
-    """Say what has changed from decision to decision, see `state_news`."""
-    return tuple(state_news(before.state, after.state, names))
+def _comparable(before: HeardDecision, after: HeardDecision) -> bool:
+    """Whether both were decided in a state, of the same variables."""
+    return bool(before.state and after.state) and before.space == after.space
 
 
-def state_news(before: Sequence[int], after: Sequence[int], names: Names) -> Iterator[str]:
+def state_news(before: HeardDecision, after: HeardDecision, names: Names) -> Iterator[str]:
     """Say what has changed from state to state, but for what the vehicle does itself."""
-    if len(before) != len(after) or not after:
+    if not _comparable(before, after):
         return
-    k = (len(after) - 5) // 2
-    if before[0] != after[0]:
-        yield f'fault {FAULT_MODES[before[0] - 1]} → {FAULT_MODES[after[0] - 1]}'
-    lost = [names[j] for j in range(k) if before[1 + j] > after[1 + j]]
-    back = [names[j] for j in range(k) if before[1 + j] < after[1 + j]]
+    was, now = before.named, after.named
+    if was.f != now.f:
+        yield f'fault {FAULT_MODES[was.f - 1]} → {FAULT_MODES[now.f - 1]}'
+    flags = list(enumerate(zip(before.in_range, after.in_range)))
+    lost = [names[j] for j, (earlier, later) in flags if earlier > later]
+    back = [names[j] for j, (earlier, later) in flags if earlier < later]
     if lost:
         yield f'out of range: {", ".join(lost)}'
     if back:
         yield f'in range again: {", ".join(back)}'
-    for j in range(k):
-        was, now = before[1 + k + j], after[1 + k + j]
-        if was != now:
-            yield f'{names[j]}: {PRIORITY_WORDS[now]}{"" if now else " any more"}'
-    if before[-2] != after[-2]:
-        yield f'threat {THREAT_LEVELS[before[-2]]} → {THREAT_LEVELS[after[-2]]}'
+    for j, (earlier, later) in enumerate(zip(was.g.tolist(), now.g.tolist())):
+        if earlier != later:
+            yield f'{names[j]}: {PRIORITY_WORDS[later]}{"" if later else " any more"}'
+    if was.t != now.t:
+        yield f'threat {THREAT_LEVELS[was.t]} → {THREAT_LEVELS[now.t]}'
