@@ -332,7 +332,7 @@ def test_a_turn_without_news_has_the_values_before_and_after(page: Page) -> None
     [row] = [row for row in page.table('what', 'why') if row[0] == clock(found[turn][0])]
     assert f'in cell {found[turn][1]["state"].split()[-4]} by now' in row[3]
     assert (
-        f'GO TO goal3 costs {new:.4g} there, GO TO goal2 {old:.4g}; in cell '
+        f'this costs {new:.4g} from there, GO TO goal2 {old:.4g}; from cell '
         f'{found[turn - 1][1]["state"].split()[-4]} it was {new_then:.4g} and {old_then:.4g}'
     ) in row[3]
 
@@ -394,7 +394,7 @@ def test_no_policy_could_expect_less(text: str, page: Page) -> None:
     expected = float(page.tables[-2][1][1])
     bound = float(decisions()[0][1]['lower_bound'])
     assert bound == pytest.approx(expected, abs=0.01)
-    assert f'No policy could expect less than {bound:.2f} at the start.' in text
+    assert f'No policy could have expected less than {bound:.2f} at the start.' in text
 
 
 def test_what_is_left_out_of_the_surprises_weighs_less_than_what_is_shown(page: Page) -> None:
@@ -413,7 +413,7 @@ def test_the_legend_says_what_the_map_shows(text: str) -> None:
         assert words in text
     assert 'of a simulation at 8 times the speed of life' in text
     assert 'policy set with fingerprint ' in text
-    assert '5 s of its clock, 40 s here' in text
+    assert '5 s of its clock, which are 40 s here' in text
     assert 'the worst of' not in text
 
 

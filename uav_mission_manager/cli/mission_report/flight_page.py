@@ -254,7 +254,7 @@ def _costs(account: Account | None, policy: Policy) -> Iterator[str]:
     yield f'<h3>What made the difference</h3>{_surprises_table(account)}'
     yield page.note(
         'What each piece of news added to what had been expected a moment before: the more, the '
-        'less likely the model holds it. Without any it gets cheaper, as the model expects some.'
+        'less likely the model holds it. Epochs without any are cheap: the model expects some.'
     )
 
 
@@ -262,7 +262,7 @@ def _luck(account: Account, policy: Policy) -> str:
     """Say whether it was the policy that made it so dear."""
     text, count = '', simulated(policy)
     if account.at_least > 0.0:
-        text = f'No policy could expect less than {account.at_least:.2f} at the start. '
+        text = f'No policy could have expected less than {account.at_least:.2f} at the start. '
     if (share := as_dear(account, policy, count)) is not None:
         text += (
             f'Of {count:,} simulated flights as long, by the same policy from the same state, '

@@ -11,7 +11,7 @@ from uav_mission_manager.cli.mission_report.account import Account
 from uav_mission_manager.cli.mission_report.flight_record import FlightRecord
 from uav_mission_manager.cli.mission_report.goals_done import Expectation, WantedGoal
 from uav_mission_manager.cli.mission_report.page import clock
-from uav_mission_manager.cli.mission_report.story import SERVICE_CELL, Names, StoryRow
+from uav_mission_manager.cli.mission_report.story import SERVED_FOR, Names, StoryRow
 from uav_mission_manager.cli.mission_report.waits import CHARGE_JUMP
 from uav_mission_manager.console.map_overlay import PRIORITY_WORDS
 from uav_mission_manager.echo import shown
@@ -19,9 +19,6 @@ from uav_mission_manager.mdp import THREAT_LEVELS
 
 JUST_BEFORE = 10.0
 """Time [s] within which a jump of the charge is told with what followed: a choice."""
-
-SERVICES = {'recharge': 'to recharge', 'repair': 'for repair'}
-"""What is told of these commands."""
 
 MOST_TURNS = 12
 """Commands that are told here, at most: a choice; the story has all."""
@@ -72,7 +69,7 @@ def _turns(record: FlightRecord, commands: Sequence[StoryRow], names: Names) -> 
     turns = []
     for before, row in zip((None, *commands), commands):
         what = _agile(before, row)
-        if row.decision.command in SERVICES:
+        if row.decision.command in SERVED_FOR:
             what = _serviced(record, row, names)
         if what:
             turns.append(f'{clock(row.at)} {what}. Second best: {row.second.partition(";")[0]}.')
@@ -83,10 +80,9 @@ def _turns(record: FlightRecord, commands: Sequence[StoryRow], names: Names) -> 
 
 def _serviced(record: FlightRecord, row: StoryRow, names: Names) -> str:
     command = row.decision.command
-    there = names.place(row.decision) == SERVICE_CELL
     charge = f'; {_charge(record, row.at)}' if command == 'recharge' else ''
-    went = 'It stayed in' if there else 'It went to'
-    return f'{went} the service cell {SERVICES[command]}: {row.reason}{charge}'
+    went = 'It stayed in' if names.on_site(row.decision) else 'It went to'
+    return f'{went} the service cell {SERVED_FOR[command]}: {row.reason}{charge}'
 
 
 def _agile(before: StoryRow | None, row: StoryRow) -> str:

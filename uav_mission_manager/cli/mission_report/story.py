@@ -22,6 +22,9 @@ TAKE_OFF_TIME = 20.0
 LEAST_WAIT = 1.0
 """Time [s] from which it is told that a change of mind waited: a choice."""
 
+SERVED_FOR = {'recharge': 'to recharge', 'repair': 'for repair'}
+"""Commands to the service cell, and what is told of them."""
+
 NOT_DECIDED = HeardDecision('')
 """Before anything is decided."""
 
@@ -61,15 +64,13 @@ class StoryRow:
     decision: HeardDecision = NOT_DECIDED
 
 
-SERVICE_CELL = 'in the service cell'
-
-
 class Names:
     """Names of goals and commands; of goals their numbers where the mission is not known."""
 
     def __init__(self, mission: Mission | None) -> None:
         self.mission = mission
         self._base = mission.grid.base if mission else None
+        self._service = mission.grid.service if mission else None
         self._names = [shown(goal.name, 60) for goal in mission.goals] if mission else []
 
     def __getitem__(self, position: int) -> str:
@@ -91,16 +92,15 @@ class Names:
         if not decision.state:
             return ''
         cell = int(decision.named.l)
-        if cell == self._base:
-            return 'in the base cell'
-        service = self.mission is not None and cell == self.mission.grid.service
-        return SERVICE_CELL if service else f'in cell {cell}'
+        stations = {self._service: 'in the service cell', self._base: 'in the base cell'}
+        return stations.get(cell, f'in cell {cell}')
 
     def on_site(self, decision: HeardDecision) -> bool:
-        """Whether the vehicle is to be on the ground where it is."""
-        place, services = self.place(decision), ('recharge', 'repair')
-        at_base = decision.command.startswith('none ') and place == 'in the base cell'
-        return at_base or (decision.command in services and place == SERVICE_CELL)
+        """Whether the command is to be on the ground in the cell where the vehicle is."""
+        service = decision.command in SERVED_FOR
+        station = self._service if service else self._base
+        stays = service or decision.command.startswith('none ')
+        return stays and bool(decision.state) and decision.named.l == station
 
 
 def story(record: FlightRecord, names: Names, found: Sequence[WantedGoal]) -> list[StoryRow]:
@@ -253,10 +253,9 @@ def _turned(
     found = then_and_now(names.mission, previous, now)
     if found and previous.named.l != now.named.l:
         (new_then, old_then), (new, old) = found
-        words = [names.command(each.command, now) for each in (now, previous)]
         yield (
-            f'{words[0]} costs {new:.4g} there, {words[1]} {old:.4g}; '
-            f'in cell {previous.named.l} it was {new_then:.4g} and {old_then:.4g}'
+            f'this costs {new:.4g} from there, {names.command(previous.command, now)} {old:.4g}; '
+            f'from cell {previous.named.l} it was {new_then:.4g} and {old_then:.4g}'
         )
 
 
