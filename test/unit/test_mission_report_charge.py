@@ -124,8 +124,8 @@ def test_a_goal_is_asked_for_and_over(tmp_path: Path, bag: Path, policy_set: str
     page = Page(report(tmp_path / 'r.html', bag, '--policy', policy_set))
     rows = [row[:5] for row in page.table('goal', 'priority')]
     assert rows == [
-        ['goal1', 'high', '0:00', '0:20', 'no longer asked for'],
-        ['goal3', 'low', '0:00', '', 'still open'],
+        ['goal1', 'high', '0:00', '0:00', 'no longer asked for at 0:20'],
+        ['goal3', 'low', '0:00', '0:20', 'still open'],
     ]
 
 

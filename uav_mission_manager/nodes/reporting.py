@@ -26,6 +26,7 @@ from uav_mission_manager.mdp import (
 from uav_mission_manager.mdp.charge import RangeFlags
 from uav_mission_manager.mdp.range_model import flight_range
 from uav_mission_manager.onboard import Refusal, Situation, format_command
+from uav_mission_manager.onboard.inputs import silence
 from uav_mission_manager.policy import Decision, Policy
 
 LONGEST_TEXT = 2000
@@ -179,8 +180,8 @@ def manager_health(
         if ages.get(topic, 0.0) > timeout
     ]
     level, link = ok, 'all inputs fresh'
-    if missing := situation.missing(now, timeout):
-        level, link = error, 'link lost: ' + ', '.join(missing)
+    if why := silence(ages, timeout):
+        level, link = error, why
     elif isinstance(outcome, Refusal):  # Before anything is asked for, this is as it should be.
         level, link = error if 'goal_priorities' in situation.known else warn, outcome.reason
     details = {topic: f'{age:.2f} s' for topic, age in ages.items()}
