@@ -7,7 +7,7 @@ from itertools import accumulate
 import pytest
 
 from uav_mission_manager.nodes.clocks import (
-    LONGEST_PAUSE,
+    LONGEST_STEP,
     STANDING_TIME,
     TOLD_TIME,
     WATCH_PERIOD,
@@ -73,6 +73,6 @@ def test_time_in_which_a_node_stood_still_does_not_count():
     assert [working() for _ in range(4)] == [
         101.0,
         103.5,
-        103.5 + LONGEST_PAUSE,
-        104.5 + LONGEST_PAUSE,
+        103.5 + LONGEST_STEP,
+        104.5 + LONGEST_STEP,
     ]

@@ -23,7 +23,7 @@ by default and more than a busy machine delays a look."""
 FASTEST_SIMULATION = 100.0
 """How much faster than the real one simulated time may run: a choice; beyond it is a jump."""
 
-LONGEST_PAUSE = 3.0
+LONGEST_STEP = 3.0
 """Time [s] between two looks up to which a node was at work: a choice, above the period of its
 slowest timer."""
 
@@ -44,7 +44,7 @@ def seconds(clock: Clock) -> float:
 class WorkingTime:
     """The time [s] in which a node was at work, to tell who is late by.
 
-    A node that stood still heard nobody: of a pause between two looks `LONGEST_PAUSE` counts.
+    A node that stood still heard nobody: of a pause between two looks `LONGEST_STEP` counts.
 
     Parameters
     ----------
@@ -56,9 +56,9 @@ class WorkingTime:
         self._clock, self._last, self._missed = clock, clock(), 0.0
 
     def __call__(self) -> float:
-        """Return it; to be asked more often than `LONGEST_PAUSE`."""
+        """Return it; to be asked more often than `LONGEST_STEP`."""
         now = self._clock()
-        self._missed += max(now - self._last - LONGEST_PAUSE, 0.0)
+        self._missed += max(now - self._last - LONGEST_STEP, 0.0)
         self._last = now
         return now - self._missed
 
