@@ -82,6 +82,18 @@ def physical_text() -> str:
     return yaml.safe_dump(data, sort_keys=False)
 
 
+OWN_TIMES = (40.0, [20.0, 40.0, 50.0, 80.0, 'never', 'never', 'never', 'never'], None)
+"""`done_in` of each goal; the last has that of `faults`."""
+
+
+def own_times_text() -> str:
+    data = yaml.safe_load(physical_text())
+    for goal, done_in in zip(data['goals'], OWN_TIMES):
+        if done_in is not None:
+            goal['done_in'] = done_in
+    return yaml.safe_dump(data, sort_keys=False)
+
+
 def charged() -> Mission:
     drain = drain_by_energy(MISSION.energy, MISSION.grid.cell_size, 100, 0.2)
     charge = Charge(100, 0.1, drain, 200.0)
@@ -104,6 +116,38 @@ def flown(mission: Mission, flights: int, epochs: int, seed: int = 0, act=None):
 @pytest.fixture(scope='module')
 def epochs():
     return flown(MISSION, 40, 60)
+
+
+def test_each_time_of_its_own_is_learned_of_its_goal_alone():
+    text, weight = own_times_text(), 10.0
+    mission = mission_from_dict(read_yaml(text), 'flown')
+    done = count(mission, flown(mission, 200, 60)).completion
+    assert done[:, 0].min() > 0
+    assert done[1:, 1:4].sum(axis=(1, 2)).min() > 0
+    counts = count(mission, flown(mission, 200, 60))
+    found = {e.field: e for e in with_counts(text, 'flown', counts, weight).learned}
+    assert found['goals[0].done_in'].of == done[0, 0].sum()
+    assert found['goals[1].done_in[2]'].seen == done[1, 2, 0]
+    assert found['faults.done_in[0]'].of == done[2, 0].sum()
+    for field, (yes, no) in {
+        'goals[0].done_in': done[0, 0],
+        'goals[1].done_in[0]': done[1, 0],
+    }.items():
+        old = 10.0 / found[field].old
+        believed = (yes + weight * old) / (yes + no + weight)
+        assert found[field].posterior.value == pytest.approx(10.0 / believed, rel=1e-2)
+
+
+def test_no_time_is_rounded_below_an_epoch():
+    data = yaml.safe_load(physical_text())
+    data['energy']['speed'] = data['grid']['cell_size'] / (40.0 / 3)  # Epochs of 13.333.. s.
+    data['faults']['done_in'][0], data['faults']['repair_in'] = 40.0 / 3, 20.0
+    text = yaml.safe_dump(data, sort_keys=False)
+    mission = mission_from_dict(read_yaml(text), 'flown')
+    new = with_counts(text, 'flown', count(mission, flown(mission, 20, 30)), 10.0)
+    done_in = next(e for e in new.learned if e.field == 'faults.done_in[0]')
+    assert done_in.posterior.value == pytest.approx(40.0 / 3)
+    assert 40.0 / 3 <= read_yaml(new.text)['faults']['done_in'][0] < 13.334
 
 
 def test_counts_are_those_of_a_loop_over_the_states(epochs):

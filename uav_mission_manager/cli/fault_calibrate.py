@@ -149,17 +149,17 @@ def _calibrate(options: argparse.Namespace, fits: Fits, failed_at: float) -> Non
     if options.out is not None:
         source = f'{Path(options.csv).name}, {date.today().isoformat()}, degree {options.degree}'
         edits = [
-            Edit(n.path, _written(n.value), f'calibrated {n.field}: {_told(n)}; from {source}')
+            Edit(
+                n.path,
+                rounded(n.path, n.value),
+                f'calibrated {n.field}: {_told(n)}; from {source}',
+            )
             for n in numbers
         ]
         new = edited(text, options.mission, edits)
         mission_from_dict(read_yaml(new), options.out)
         write_whole(Path(options.out), new)
         print(f'{shown(options.out)}: written')
-
-
-def _written(value: float) -> float:
-    return value if value == math.inf else rounded(value)
 
 
 def _told(found: FaultNumber) -> str:

@@ -148,13 +148,31 @@ class _Learner:
             if time:
                 found = rate_posterior(rate, events, time, self._weight)
                 yield self._estimate(('faults', key, part), found, then, events, epochs)
-        done = self._counts.completion.sum(axis=0)
-        for f, old in enumerate(faults.completion):
-            key = 'done_in' if 'done_in' in given else 'completion'
-            yield from self._probability(('faults', key, f), old, done[f], key == 'done_in')
+        yield from self._completions()
         lasts = 'repair_in' in given
         path = ('faults', 'repair_in' if lasts else 'repair_success')
         yield from self._probability(path, faults.repair_success, self._counts.repair, lasts)
+
+    def _completions(self) -> Iterator[LearnedNumber]:
+        """Of each goal that has a time of its own, and of all others together."""
+        own = [bool({'completion', 'done_in'} & set(goal)) for goal in self._data['goals']]
+        shared = self._counts.completion[~np.array(own)].sum(axis=0)
+        yield from self._by_fault_mode(('faults',), self._mission.faults.completion, shared)
+        for j, goal in enumerate(self._mission.goals):
+            if goal.completion is not None:
+                done = self._counts.completion[j]
+                yield from self._by_fault_mode(('goals', j), goal.completion, done)
+
+    def _by_fault_mode(
+        self, place: Path, completion: Sequence[float], done: FloatArray
+    ) -> Iterator[LearnedNumber]:
+        key = 'done_in' if 'done_in' in self._at(place) else 'completion'
+        path = (*place, key)
+        if not isinstance(self._at(path), Sequence):  # Of no failed part; `faults` tells the rest.
+            yield from self._probability(path, completion[0], done[0], True)
+            return
+        for f, old in enumerate(completion):
+            yield from self._probability((*path, f), old, done[f], key == 'done_in')
 
     def range(self) -> Iterator[LearnedNumber]:
         """Loss of range, or what drains the charge."""

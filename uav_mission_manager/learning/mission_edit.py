@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from decimal import ROUND_CEILING, ROUND_HALF_EVEN, Context
 from typing import Any
 
 import yaml
@@ -21,6 +22,9 @@ from uav_mission_manager.mdp.strict_yaml import read_yaml
 
 NUMBER_DIGITS = 6
 """Significant digits of a number."""
+
+TIMES = {'done_in', 'repair_in', 'lasts'}
+"""Mean times [s] until something has happened."""
 
 ROW_DECIMALS = 9
 """Decimals of the probabilities of a row, which have to sum to 1."""
@@ -80,9 +84,10 @@ def edited(text: str, source: str, edits: Sequence[Edit]) -> str:
     return new
 
 
-def rounded(value: float) -> float:
-    """Round a number to what a file shows of it."""
-    return float(f'{value:.{NUMBER_DIGITS}g}')
+def rounded(path: Path, value: float) -> float:
+    """Round a number to what a file shows of it; mean times up, for none is below an epoch."""
+    how = ROUND_CEILING if TIMES & set(path) else ROUND_HALF_EVEN
+    return float(Context(prec=NUMBER_DIGITS, rounding=how).create_decimal_from_float(value))
 
 
 def probabilities(row: Sequence[float]) -> list[float]:

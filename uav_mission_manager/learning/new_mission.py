@@ -12,7 +12,12 @@ import numpy as np
 
 from uav_mission_manager.learning.counts import Counts
 from uav_mission_manager.learning.estimates import LearnedNumber, Path, estimates, field_name
-from uav_mission_manager.learning.mission_edit import Edit, edited, probabilities, rounded
+from uav_mission_manager.learning.mission_edit import (
+    Edit,
+    edited,
+    probabilities,
+    rounded,
+)
 from uav_mission_manager.learning.posterior import LEVEL_TEXT, Posterior, mean_posterior
 from uav_mission_manager.mdp import Mission, mission_from_dict
 from uav_mission_manager.mdp.arrays import FloatArray
@@ -132,7 +137,7 @@ def _edits(
         if is_row:
             value, comment = probabilities(entries[0].row), _row_comment(path, entries)
         else:
-            value, comment = rounded(entries[0].posterior.value), _comment(entries[0])
+            value, comment = rounded(path, entries[0].posterior.value), _comment(entries[0])
         if path[:3] == ('range', 'charge', 'drain') and 'drain' not in data['range']['charge']:
             drains[path[-1]] = value, comment
         elif value != (list if is_row else float)(_old(entries)):
