@@ -23,6 +23,9 @@ from uav_mission_manager.mdp.strict_yaml import read_yaml
 NUMBER_DIGITS = 6
 """Significant digits of a number."""
 
+NEAR = 1e-12
+"""Share of a number by which it is off by arithmetic alone, at most."""
+
 TIMES = {'done_in', 'repair_in', 'lasts'}
 """Mean times [s] until something has happened."""
 
@@ -86,8 +89,9 @@ def edited(text: str, source: str, edits: Sequence[Edit]) -> str:
 
 def rounded(path: Path, value: float) -> float:
     """Round a number to what a file shows of it; mean times up, for none is below an epoch."""
-    how = ROUND_CEILING if TIMES & set(path) else ROUND_HALF_EVEN
-    return float(Context(prec=NUMBER_DIGITS, rounding=how).create_decimal_from_float(value))
+    upwards = bool(TIMES & set(path))
+    context = Context(NUMBER_DIGITS, ROUND_CEILING if upwards else ROUND_HALF_EVEN)
+    return float(context.create_decimal_from_float(value * (1 - upwards * NEAR)))
 
 
 def probabilities(row: Sequence[float]) -> list[float]:
