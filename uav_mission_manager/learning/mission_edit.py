@@ -23,7 +23,7 @@ from uav_mission_manager.mdp.strict_yaml import read_yaml
 NUMBER_DIGITS = 6
 """Significant digits of a number."""
 
-NEAR = 1e-12
+ARITHMETIC_ERROR = 1e-12
 """Share of a number by which it is off by arithmetic alone, at most."""
 
 TIMES = {'done_in', 'repair_in', 'lasts'}
@@ -91,7 +91,7 @@ def rounded(path: Path, value: float) -> float:
     """Round a number to what a file shows of it; mean times up, for none is below an epoch."""
     upwards = bool(TIMES & set(path))
     context = Context(NUMBER_DIGITS, ROUND_CEILING if upwards else ROUND_HALF_EVEN)
-    return float(context.create_decimal_from_float(value * (1 - upwards * NEAR)))
+    return float(context.create_decimal_from_float(value * (1 - upwards * ARITHMETIC_ERROR)))
 
 
 def probabilities(row: Sequence[float]) -> list[float]:
