@@ -156,7 +156,7 @@ def test_flags_and_charge_are_told_apart_where_their_states_are_as_long(tmp_path
 def test_a_turn_is_told_with_the_charge_at_which_it_would_have_been_otherwise(
     tmp_path: Path, policy: Policy, policy_set: str
 ) -> None:
-    states = (1, 9, 2, 0, 1, 4, 0, 0, 0), (1, 8, 2, 0, 1, 5, 0, 0, 0)
+    states = (1, 11, 2, 0, 1, 4, 0, 0, 0), (1, 10, 2, 0, 1, 5, 0, 0, 0)
     assert reach(states[0]) == reach(states[1])
     messages, values = [], []
     for number, (state, goal) in enumerate(zip(states, (1, 3))):
@@ -172,6 +172,6 @@ def test_a_turn_is_told_with_the_charge_at_which_it_would_have_been_otherwise(
     page = Page(report(tmp_path / 'r.html', bag, '--policy', policy_set))
     [(new_then, old_then), (new, old)] = values
     assert (
-        f'this costs {new:.4g} from there, GO TO goal1 {old:.4g}; from cell 4 at charge 9 it was '
+        f'this costs {new:.4g} from there, GO TO goal1 {old:.4g}; from cell 4 at charge 11 it was '
         f'{new_then:.4g} and {old_then:.4g}'
     ) in page.table('what', 'why')[-1][3]
