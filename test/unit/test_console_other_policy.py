@@ -10,7 +10,7 @@ import pytest
 from strategies import case_study
 
 from uav_mission_manager import build_policy
-from uav_mission_manager.console.heard import Heard, HeardEpoch
+from uav_mission_manager.console.heard import Heard, HeardDecision, HeardEpoch
 from uav_mission_manager.console.markup import other_html
 from uav_mission_manager.console.other_policy import OtherDecision, OtherPolicy
 from uav_mission_manager.console.playback import FLIGHT_STEP, Playback, RecordedFlight
@@ -79,7 +79,10 @@ def test_stretches_in_which_it_differs_are_whole_and_all(other):
 @pytest.mark.parametrize('jitter', [-0.004, 0.004])
 def test_epochs_are_marked_although_their_topic_was_recorded_before_or_after(other, jitter):
     epochs = [
-        (PERIOD * (3 * n + 1) + jitter, HeardEpoch(n + 1, '', state, command(FLOWN, state)))
+        (
+            PERIOD * (3 * n + 1) + jitter,
+            HeardEpoch(n + 1, '', HeardDecision('', state=state, command=command(FLOWN, state))),
+        )
         for n, state in enumerate(STATES)
     ]
     assert other.by_epoch(epochs) == {
@@ -117,7 +120,8 @@ def test_the_page_goes_from_difference_to_difference(other):
 
 
 def test_the_timeline_has_a_row_for_it():
-    epochs = [HeardEpoch(n, '', STATES[0], 'none normal') for n in (1, 2, 3, 4)]
+    decision = HeardDecision('', state=STATES[0], command='none normal')
+    epochs = [HeardEpoch(n, '', decision) for n in (1, 2, 3, 4)]
     commands = {2: 'commit goal2 agile', 3: 'recharge', 4: ''}
     plain, marked = (
         ElementTree.fromstring(block_svg(epochs, StateSpace.of(MISSION), others, MISSION))

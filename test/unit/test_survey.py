@@ -22,9 +22,7 @@ def policy():
 
 
 def test_the_mission_gets_no_warnings():
-    found = findings(MISSION)
-    assert [finding for finding in found if not finding.note] == []
-    assert {finding.field for finding in found} == {f'goals.{j}.task' for j in (0, 2, 3)}
+    assert list(findings(MISSION)) == []
 
 
 def test_the_set_is_of_the_mission_and_small(policy):

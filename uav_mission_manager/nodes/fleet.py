@@ -13,7 +13,7 @@ from uav_mission_manager.echo import quoted
 from uav_mission_manager.fleet import FleetDispatcher, FleetRole, FleetSettings, VehicleShare
 from uav_mission_manager.mdp import StateSpace, load_mission
 from uav_mission_manager.nodes import qos
-from uav_mission_manager.nodes.clocks import safety_clock, seconds
+from uav_mission_manager.nodes.clocks import WorkingTime, safety_clock, seconds
 from uav_mission_manager.nodes.command_outputs import NO_PUBLISHER_EVENTS
 from uav_mission_manager.nodes.fleet_inputs import FleetInputs
 from uav_mission_manager.nodes.lifecycle import AUTOSTART, ManagedNode
@@ -126,9 +126,10 @@ class FleetStation(ManagedNode):
             memory, trouble = None, f'{self._journal.path}: of a mission with other variables'
         if trouble:
             self.get_logger().warning(f'{trouble}; not used: nothing was asked for')
+        self._time = WorkingTime(lambda: seconds(self._steady))
         self._dispatcher = FleetDispatcher(
             *(self._planner, self._vehicles, self._fleet_settings),
-            *(seconds(self._steady), memory),
+            *(self._time(), memory),
         )
         self._told: tuple[VehicleShare, ...] = ()
         self._requests = {
@@ -147,7 +148,7 @@ class FleetStation(ManagedNode):
             )
             for topic, profile in (('~/decision', qos.LATCHED), ('/diagnostics', qos.RELIABLE))
         )
-        self._inputs = FleetInputs(self, self._dispatcher, self._digest, self._step)
+        self._inputs = FleetInputs(self, self._dispatcher, self._digest, self._time, self._step)
         self._presences = [
             Presence(self, 'base_station', p.listening_time, vehicle) for vehicle in self._vehicles
         ]
@@ -186,7 +187,7 @@ class FleetStation(ManagedNode):
         """Decide, and tell the vehicles that are asked for something new, once that is safe."""
         if any(presence.silent for presence in self._presences):
             return
-        asked = self._dispatcher.step(seconds(self._steady), new_request_id)
+        asked = self._dispatcher.step(self._time(), new_request_id)
         if asked:
             self._publish(asked)
         if self._dispatcher.decision.shares != self._told:
@@ -237,6 +238,7 @@ class FleetStation(ManagedNode):
         return DiagnosticArray(header=header, status=statuses)
 
     def _diagnose(self) -> None:
+        self._time()
         name, wish = self.get_fully_qualified_name(), self._dispatcher.wish
         complaints, decision = self._inputs.complaints, self._dispatcher.decision
         memory = self._journal.error if self._journal else ''

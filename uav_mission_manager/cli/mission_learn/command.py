@@ -6,6 +6,7 @@ import argparse
 import math
 from pathlib import Path
 
+from uav_mission_manager.cli.bag_options import add_namespace, add_speedup
 from uav_mission_manager.cli.check.solving import obstacle_to_solving
 from uav_mission_manager.cli.errors import CommandParser, one_line_errors
 from uav_mission_manager.cli.mission_learn.certificates import certificate_lines
@@ -16,7 +17,6 @@ from uav_mission_manager.cli.mission_learn.flown_bag import (
     recorded,
     seconds_per_epoch,
 )
-from uav_mission_manager.cli.mission_report.command import speed_factor
 from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.learning import (
     DEFAULT_WEIGHT,
@@ -81,16 +81,8 @@ def _parser() -> CommandParser:
         action='store_true',
         help='build the expansion of both files, too, and show what is certified of it',
     )
-    parser.add_argument(
-        '--namespace', metavar='NAME', help='vehicle, such as /uav1; default: the only one'
-    )
-    parser.add_argument(
-        '--speedup',
-        type=speed_factor,
-        default=1.0,
-        metavar='N',
-        help="seconds of the flight per second of the bag; the demo's have 8; default: 1",
-    )
+    add_namespace(parser)
+    add_speedup(parser)
     return parser
 
 

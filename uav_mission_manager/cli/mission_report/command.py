@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 
+from uav_mission_manager.cli.bag_options import add_namespace, add_speedup
 from uav_mission_manager.cli.errors import CommandParser, one_line_errors
 from uav_mission_manager.cli.mission_report.flight_page import flight_page
 from uav_mission_manager.cli.mission_report.flight_record import FlightRecord, flight_record
 from uav_mission_manager.cli.mission_report.policy_page import policy_page
 from uav_mission_manager.console.messages import DECISION_TOPIC
-from uav_mission_manager.echo import quoted, shown
+from uav_mission_manager.echo import shown
 from uav_mission_manager.onboard import parse_command
 from uav_mission_manager.paths import write_whole
 from uav_mission_manager.policy import Policy, load_policy
 
 MANIFEST = 'manifest.json'
 """The file by which a policy set is told from a bag."""
-
-MOST_SPEEDUP = 1000.0
-"""Seconds of a flight per second of its bag, at most: a choice, no simulation is so fast."""
 
 
 def main(args: list[str] | None = None) -> int:
@@ -53,30 +50,9 @@ def _parser() -> CommandParser:
     parser.add_argument(
         '--policy', metavar='DIR', help='policy set that the bag was flown by: map, expectations'
     )
-    parser.add_argument(
-        '--namespace', metavar='NAME', help='vehicle, such as /uav1; default: the only one'
-    )
-    parser.add_argument(
-        '--speedup',
-        type=speed_factor,
-        default=1.0,
-        metavar='N',
-        help="seconds of the flight per second of the bag; the demo's have 8; default: 1",
-    )
+    add_namespace(parser)
+    add_speedup(parser)
     return parser
-
-
-def speed_factor(text: str) -> float:
-    """Read how much faster than life a flight was. Raises `argparse.ArgumentTypeError`."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value <= MOST_SPEEDUP:
-        raise argparse.ArgumentTypeError(
-            f'{quoted(text)} is not a number above 0, up to {MOST_SPEEDUP:g}'
-        )
-    return value
 
 
 def _refuse_options_of_bags(options: argparse.Namespace) -> None:
