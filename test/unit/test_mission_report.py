@@ -415,7 +415,7 @@ def test_the_legend_says_what_the_map_shows(text: str) -> None:
         assert words in text
     assert 'of a simulation at 8 times the speed of life' in text
     assert 'policy set with fingerprint ' in text
-    assert '5 s of its clock, which are 40 s here' in text
+    assert "5 s of the manager's clock, which are 40 s here" in text
     assert 'the worst of' not in text
 
 
