@@ -24,7 +24,7 @@ from brute_force import BruteForce
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from uav_mission_manager.cli.mission_report import main
+from uav_mission_manager.cli.mission_report import goals_done, main
 from uav_mission_manager.cli.mission_report.flight_record import flight_record
 
 ROOT = Path(__file__).parents[2]
@@ -118,7 +118,9 @@ def report(out: Path, source: Path | str, *options: str) -> str:
 @pytest.fixture(scope='module')
 def text(tmp_path_factory: pytest.TempPathFactory) -> str:
     out = tmp_path_factory.mktemp('report') / 'report.html'
-    return report(out, BAG, '--policy', CASE_STUDY, '--speedup', str(SPEEDUP))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(goals_done, 'SIMULATION_SECONDS', math.inf)  # On a busy machine, too.
+        return report(out, BAG, '--policy', CASE_STUDY, '--speedup', str(SPEEDUP))
 
 
 @pytest.fixture(scope='module')
@@ -196,7 +198,7 @@ def test_why_it_turned_back_is_in_the_first_lines(page: Page) -> None:
     words = ''.join(page.words)
     for command, how in (
         ('recharge', 'stayed in the service cell to recharge'),
-        ('repair', 'went to the service cell for repair'),
+        ('repair', 'went for repair'),
     ):
         [(at, reason)] = [
             (at, reason)
@@ -387,7 +389,7 @@ def test_how_many_flights_cost_as_much_is_simulated(tmp_path: Path) -> None:
     share = float(np.array(chances)[values >= least * (1 - 1e-12)].sum())
     assert 0.02 < share < 0.5
     said = float(re.search(r'([\d.]+)% cost as much or more', text)[1]) / 100
-    assert said == pytest.approx(share, abs=4 * math.sqrt(share * (1 - share) / 1000))
+    assert said == pytest.approx(share, abs=0.005 + 4 * math.sqrt(share * (1 - share) / 1000))
 
 
 def test_no_policy_could_expect_less(text: str, page: Page) -> None:
@@ -408,12 +410,12 @@ def test_what_is_left_out_of_the_surprises_weighs_less_than_what_is_shown(page: 
     assert {row[0] for row in rows} - {''} <= heard  # One event has one time.
 
 
-def test_the_legend_says_what_the_map_shows(text: str) -> None:
+def test_the_legend_says_what_the_map_shows(text: str, page: Page) -> None:
     for words in ('base, where it starts', 'service, where it is recharged', 'threats likelier'):
         assert words in text
     assert 'of a simulation at 8 times the speed of life' in text
     assert 'policy set with fingerprint ' in text
-    assert '5 s of its clock, which are 40 s here' in text
+    assert "5 s of the manager's clock, which are 40 s here" in ''.join(page.words)
     assert 'the worst of' not in text
 
 
@@ -536,7 +538,7 @@ def test_takeovers_and_refusals_are_told(tmp_path: Path) -> None:
         ('1:40', 'no command: link lost: odom 9.0 s old'),
     ]
     words = ''.join(page.words)
-    assert 'PILOT from 1:01 (the pilot chose LOITER)' in words
+    assert 'PILOT from 1:01 to 1:15 (the pilot chose LOITER)' in words
     assert 'Out of reach, or failed: goal2 at 1:20, goal3: no picture at 1:30.' in words
     assert 'No battery was heard.' in words
 
@@ -660,6 +662,31 @@ def test_it_needs_neither_ros_nor_matplotlib(tmp_path: Path) -> None:
     )
     subprocess.run([sys.executable, '-c', code], cwd=ROOT, capture_output=True, check=True)
     assert {each.name for each in tmp_path.iterdir()} == {'a.html', 'b.html'}
+
+
+def test_of_several_batteries_the_worst_is_drawn_and_said(tmp_path: Path) -> None:
+    kind = 'sensor_msgs/msg/BatteryState'
+    [first, *_] = said('battery_state')
+    batteries = []
+    for name in ('a', 'b'):
+        values = {**vars(first[1]), 'location': name}
+        values.pop('__msgtype__', None)
+        batteries.append((1.0, '/uav1/battery_state', kind, STORE.types[kind](**values)))
+    for count, words in ((1, 'Line: charge.'), (2, 'Line: the worst of 2 batteries.')):
+        bag = bag_of(tmp_path / str(count), [decided(0.0), *batteries[:count]])
+        assert words in report(tmp_path / 'r.html', bag)
+
+
+def test_before_the_first_command_there_is_none_yet(tmp_path: Path) -> None:
+    waiting = status(0.0, '/uav1/manager/decision', 'manager', 'waiting for data: odom')
+    lost = status(9.0, '/uav1/manager/decision', 'manager', 'link lost: odom 4.0 s old')
+    bag = bag_of(tmp_path / 'bag', [waiting, decided(1.0), lost])
+    rows = Page(report(tmp_path / 'r.html', bag)).table('what', 'why')
+    assert [row[2] for row in rows] == [
+        'no command yet: waiting for data: odom',
+        'RETURN TO BASE',
+        'no command: link lost: odom 4.0 s old',
+    ]
 
 
 def test_of_a_short_bag_there_is_a_report_too(tmp_path: Path) -> None:

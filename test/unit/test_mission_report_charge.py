@@ -151,3 +151,27 @@ def test_flags_and_charge_are_told_apart_where_their_states_are_as_long(tmp_path
     flags = report(tmp_path / 'b.html', bag_of(tmp_path / 'b', [decided(0.0)]))
     assert 'state f=1 b=9 g1=2 g2=0 g3=2 g4=0 g5=1 l=7 c=1 t=0 m=0' in charged
     assert 'state f=1 r1=1 r2=1 r3=1 g1=0 g2=0 g3=0 l=0 c=0 t=0 m=0' in flags
+
+
+def test_a_turn_is_told_with_the_charge_at_which_it_would_have_been_otherwise(
+    tmp_path: Path, policy: Policy, policy_set: str
+) -> None:
+    states = (1, 11, 2, 0, 1, 4, 0, 0, 0), (1, 10, 2, 0, 1, 5, 0, 0, 0)
+    assert reach(states[0]) == reach(states[1])
+    messages, values = [], []
+    for number, (state, goal) in enumerate(zip(states, (1, 3))):
+        decision = policy.decide(state)
+        values.append([decision.values[j] for j in (3, 1)])  # Of goal 3, then of goal 1.
+        told = {
+            'state': ' '.join(map(str, state)),
+            'values': ' '.join(map(repr, decision.values)),
+            **state_in_words(policy.mission, state),
+        }
+        messages.append(decided(10.0 * number, f'commit goal{goal} normal', **told))
+    bag = bag_of(tmp_path / 'bag', messages)
+    page = Page(report(tmp_path / 'r.html', bag, '--policy', policy_set))
+    [(new_then, old_then), (new, old)] = values
+    assert (
+        f'this costs {new:.4g} from there, GO TO goal1 {old:.4g}; from cell 4 at charge 11 it was '
+        f'{new_then:.4g} and {old_then:.4g}'
+    ) in page.table('what', 'why')[-1][3]

@@ -266,7 +266,7 @@ def _luck(account: Account, policy: Policy) -> str:
     if (share := as_dear(account, policy, count)) is not None:
         text += (
             f'Of {count:,} simulated flights as long, by the same policy from the same state, '
-            f'{share:.1%} cost as much or more.'
+            f'{share:.0%} cost as much or more.'
         )
     return text
 

@@ -81,8 +81,8 @@ def _turns(record: FlightRecord, commands: Sequence[StoryRow], names: Names) -> 
 def _serviced(record: FlightRecord, row: StoryRow, names: Names) -> str:
     command = row.decision.command
     charge = f'; {_charge(record, row.at)}' if command == 'recharge' else ''
-    went = 'It stayed in' if names.on_site(row.decision) else 'It went to'
-    return f'{went} the service cell {SERVED_FOR[command]}: {row.reason}{charge}'
+    went = 'It stayed in the service cell' if names.on_site(row.decision) else 'It went'
+    return f'{went} {SERVED_FOR[command]}: {row.reason}{charge}'
 
 
 def _agile(before: StoryRow | None, row: StoryRow) -> str:
@@ -116,11 +116,19 @@ def _percent(charge: float) -> str:
 def _who(record: FlightRecord, commands: Sequence[StoryRow]) -> str:
     if not record.in_command:
         return 'Who was in command is not known: no bridge was heard.'
-    others = [(at, who) for at, who in record.in_command if who.tone != 'good']
+    until = [at for at, _ in record.in_command[1:]]
+    others = [
+        (at, end, who)
+        for (at, who), end in zip(record.in_command, [*until, record.end])
+        if who.tone != 'good'
+    ]
     if not others:
         first = f'from {clock(commands[0].at)} on' if commands else 'nothing'
         return f'Nobody took command from the manager, which commanded {first}.'
-    told = '; '.join(f'{who.word} from {clock(at)} ({shown(who.why, 120)})' for at, who in others)
+    told = '; '.join(
+        f'{who.word} from {clock(at)} to {clock(end)} ({shown(who.why, 120)})'
+        for at, end, who in others
+    )
     return f'The manager was not in command all the time: {told}.'
 
 

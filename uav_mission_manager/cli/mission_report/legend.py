@@ -31,7 +31,11 @@ def _entries(
     if account is not None:
         yield 'epoch', f'A step of the model, the way through a cell: {account.seconds:.3g} s.'
     seconds = ManagerSettings().settling_time
-    longer = f' of its clock, which are {seconds * speedup:g} s here' if speedup != 1.0 else ''
+    longer = (
+        f" of the manager's clock, which are {seconds * speedup:g} s here"
+        if speedup != 1.0
+        else ''
+    )
     yield (
         'counts later',
         'The end of a danger, and a request soon after another, count once they have lasted; a '

@@ -253,9 +253,10 @@ def _turned(
     found = then_and_now(names.mission, previous, now)
     if found and previous.named.l != now.named.l:
         (new_then, old_then), (new, old) = found
+        charge = f' at charge {previous.named.b[0]}' if previous.levels > 1 else ''
         yield (
             f'this costs {new:.4g} from there, {names.command(previous.command, now)} {old:.4g}; '
-            f'from cell {previous.named.l} it was {new_then:.4g} and {old_then:.4g}'
+            f'from cell {previous.named.l}{charge} it was {new_then:.4g} and {old_then:.4g}'
         )
 
 
