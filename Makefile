@@ -47,7 +47,7 @@ NONE_CHOSEN = $(if $(ARGS),|| test $$? -eq 5)
 test: $(READY)
 	@$(if $(ARGS),:,echo 'About ten minutes on two processors: 5 for the unit tests and as many for the integration tests')
 	$(RUN) -m pytest test/unit test/property -n auto --dist loadfile $(ARGS) $(NONE_CHOSEN)
-	$(RUN) -m pytest test/integration -n 6 $(ARGS) $(NONE_CHOSEN)
+	$(RUN) -m pytest test/integration -n 6 --maxschedchunk 1 $(ARGS) $(NONE_CHOSEN)
 
 lint: $(READY)
 	$(RUN) -m ruff check
