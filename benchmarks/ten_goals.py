@@ -127,9 +127,7 @@ def _losses(
     return samples / optimum.values(states) - 1
 
 
-def _near(
-    act: Callable[[IntArray], IntArray], states: IntArray, optimum: ControlVariate
-) -> float:
+def _near(act: Callable[[IntArray], IntArray], states: IntArray, optimum: ControlVariate) -> float:
     """Share of states in which the action is all but optimal."""
     q, actions = optimum.q_values(states), act(states)
     chosen = q[np.arange(len(q)), actions - 1]
