@@ -8,7 +8,10 @@ from collections.abc import Iterator
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from pymavlink import mavutil
+from rcl_interfaces.srv import GetParameters
 from ros_helpers import ROOT, NodeProcess, Ros, free_port
 from std_msgs.msg import String, UInt8MultiArray
 
@@ -158,6 +161,30 @@ def test_it_goes_on_after_it_was_killed(ros: Ros) -> None:
     assert {tuple(m.data) for m in heard} == {tuple(last.data)}
     assert f'achieved: {done}' in again.output
     assert again.stop() == 0
+
+
+def test_an_inactive_one_asks_for_nothing_and_goes_on_when_it_is_active_again(ros: Ros) -> None:
+    heard = ros.listen('/uav1/goal_priorities', UInt8MultiArray, qos.LATCHED)
+    ros.start('nodes.fleet', '--ros-args', '-p', 'vehicles:=[uav1]')
+    ros.until(lambda: heard, 'a request')
+    assert ros.set_parameter('fleet', 'priorities', [0, 2, *[0] * 7]).successful
+
+    def change(transition: int) -> bool:
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return bool(ros.call('fleet/change_state', request, ChangeState).success)
+
+    for _ in range(2):
+        assert change(Transition.TRANSITION_DEACTIVATE)
+        heard.clear()
+        assert not ros.set_parameter('fleet', 'priorities', [0] * 9).successful
+        ros.spin(1.5)
+        assert not heard
+        assert change(Transition.TRANSITION_ACTIVATE)
+        ros.until(lambda: heard, 'a request again')
+    [value] = ros.call(
+        'fleet/get_parameters', GetParameters.Request(names=['priorities']), GetParameters
+    ).values
+    assert list(value.integer_array_value) == [0, 2, *[0] * 7]
 
 
 @pytest.mark.parametrize(
