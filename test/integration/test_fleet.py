@@ -227,7 +227,7 @@ def test_all_goals_are_done_once(ros: Ros, vehicles: list[Vehicle], done: list[s
         level, _ = level_of(diagnostics, f'/fleet: {vehicle.name}')
         return level == DiagnosticStatus.OK
 
-    ros.until(lambda: all(map(ready, vehicles)), 'three vehicles that are ready')
+    ros.until(lambda: all(map(ready, vehicles)), 'three vehicles that are ready', LIMIT)
     assert not any(vehicle.goals for vehicle in vehicles)
     assert ros.set_parameter('fleet', 'priorities', [2] * 9).successful
 
