@@ -7,7 +7,7 @@ import inspect
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import suppress
 from typing import Any
 
@@ -55,10 +55,11 @@ class RestingExecutor(SingleThreadedExecutor):
         self._ready: set[Any] = set()
         self._ready_before: set[Any] = set()
 
-    def _wait_for_ready_callbacks(self, *args: Any, **options: Any) -> Iterator[Any]:
+    def _wait_for_ready_callbacks(self, *args: Any, **options: Any) -> Generator[Any, None, None]:
         if self._rest and self._ready.isdisjoint(self._ready_before):
             time.sleep(self._rest)
         self._ready_before, self._ready = self._ready, set()
+        work: Any
         for work in super()._wait_for_ready_callbacks(*args, **options):
             self._ready.add(work[1])
             yield work
