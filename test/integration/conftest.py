@@ -11,10 +11,8 @@ from ros_helpers import Ros, ros_domain
 LONGEST = (
     'test_the_policy_recharges_before_any_goal_is_out_of_range',
     'test_both_missions_end_with_every_goal_achieved_and_the_vehicle_home',
-    'test_a_survey_left_for_a_low_battery_is_taken_up_where_it_was_left',
-    'test_all_goals_are_done_once',
 )
-"""Flights that take half a minute or more: begun last, all others would have to wait for them."""
+"""Flights that take more than a minute: begun last, all others would have to wait for them."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
