@@ -1,4 +1,4 @@
-"""A stand-in for CuPy that computes with NumPy and refuses what CuPy refuses, for tests without a card.
+"""A stand-in for CuPy, for tests without a card: NumPy, but for what CuPy refuses.
 
 It knows only what the solver uses, each as CuPy 13 and 14 have it: arguments that CuPy lacks, such
 as `mode` of `take` or `where` of a ufunc, are errors here. Beyond CuPy, it refuses what would be
@@ -87,7 +87,7 @@ class Array(np.lib.mixins.NDArrayOperatorsMixin):
         return Array(host, self._owner)
 
     def take(self, indices, axis=None, out=None):
-        assert out is not None and out.dtype == self.dtype
+        assert out.dtype == self.dtype
         assert self.host.flags.c_contiguous, 'this copies'
         self.host.take(_host(indices), axis, _host(out), 'wrap')
         return out

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
+from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.mdp.arrays import AnyArray
 from uav_mission_manager.solver import memory
 
@@ -50,7 +51,7 @@ class Device:
         return self.namespace.asnumpy(values) if self.on_gpu else values
 
     def release(self) -> None:
-        """Give freed arrays' memory back to the card; CuPy keeps it, in pieces as large as they."""
+        """Give what was freed back to the card: CuPy keeps it, in pieces of the sizes it had."""
         if self.on_gpu:
             self.namespace.get_default_memory_pool().free_all_blocks()
 
@@ -71,7 +72,7 @@ DEVICES = ('cpu', 'gpu')
 def find_device(name: str) -> Device:
     """Return a device that works. Raises `ValueError` where there is none of that name."""
     if name not in DEVICES:
-        raise ValueError(f'device {name!r} is none of {", ".join(DEVICES)}')
+        raise ValueError(f'device {quoted(name)} is none of {", ".join(DEVICES)}')
     if name == 'cpu':
         return CPU
     try:
@@ -90,4 +91,6 @@ def find_device(name: str) -> Device:
 
 
 def _first_line(error: Exception) -> str:
-    return next((line.strip() for line in str(error).splitlines() if line.strip()), repr(error))
+    """First line with a word in it; CuPy frames what it says."""
+    lines = [line for line in str(error).splitlines() if any(map(str.isalpha, line))]
+    return shown(lines[0].strip() if lines else repr(error))

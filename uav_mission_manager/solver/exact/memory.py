@@ -14,9 +14,6 @@ MIXED_TABLES, ROW_TABLES = 5, 20
 """Tables of a block that a thread works with, of the exogenous expectation and of the rest:
 counted, about."""
 
-GPU_TABLES = 32
-"""The same of a card, both together, where blocks are large: counted, of twelve goals."""
-
 COMPILER_BYTES = 206 << 20
 """What numba takes to compile the sweep in both precisions: measured."""
 
@@ -25,14 +22,22 @@ def needed_bytes(sub: SubMdp, dtype: DTypeLike, threads: int, device: Device = C
     """Memory of the device that value iteration needs: W, its expectation, b, costs, scratch."""
     q, rows, columns = sub.shape
     entries = 2 * sub.entries + sub.n * rows // 3 * columns + _cost_entries(sub)
-    cells, width, height = block_shape(sub, device)
     if device.on_gpu:
-        largest = max(cells * rows * width, q * height * columns)
-        entries += GPU_TABLES * largest + 3 * q * rows  # And the prices of all rows.
-        return int(entries * np.dtype(dtype).itemsize)
+        return int((entries + _gpu_scratch_entries(sub, device)) * np.dtype(dtype).itemsize)
+    cells, width, height = block_shape(sub)
     scratch = MIXED_TABLES * cells * rows * width + ROW_TABLES * q * height * columns
     compiler = COMPILER_BYTES if is_compiled(sub) else 0
     return int((entries + threads * scratch) * np.dtype(dtype).itemsize) + compiler
+
+
+def _gpu_scratch_entries(sub: SubMdp, device: Device) -> int:
+    """Entries that work on large blocks takes, at most: there it counts."""
+    q, rows, columns = sub.shape
+    cells, width, height = block_shape(sub, device)
+    mixed = rows * width * (3 * cells + sub.n)
+    flights = (7 if sub.mission.range.charge else 3) * (q + sub.n)
+    arrivals, completions, choice, prices = 2 * q + 3 + 2 * sub.n, 2 * sub.n, 7 * q, 3 * q * rows
+    return mixed + height * columns * (flights + arrivals + completions + choice) + prices
 
 
 def kept_bytes(sub: SubMdp, dtype: DTypeLike) -> int:
