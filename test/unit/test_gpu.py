@@ -6,6 +6,7 @@ It runs with a strict stand-in for CuPy, and once more with CuPy itself where th
 from __future__ import annotations
 
 import gc
+import re
 import sys
 from types import SimpleNamespace
 
@@ -54,8 +55,8 @@ def whole(document):
     return whole_mission(mission_from_dict(document, 'test'))
 
 
-def many_goals(count):
-    document = with_charge(case_study())
+def many_goals(count, **charge):
+    document = with_charge(case_study(), **charge)
     goals = document['goals']
     document['goals'] = [goals[j % 3] | {'name': f'g{j}', 'cell': j % 8} for j in range(count)]
     return document
@@ -178,6 +179,23 @@ def test_a_card_holds_no_more_than_was_counted_and_nothing_afterwards(
         gc.enable()
     held = stand_in.memory.most - before
     assert held <= memory.needed_bytes(sub, np.float64, 1, device) < 1.5 * held
+
+
+MEMORY = re.compile(r'\| (\d+), (.*) \| ([\d,]+) \| ([\d.]+) GiB \| ([\d.]+) GiB \|')
+
+
+def test_the_page_says_what_is_counted(stand_in):
+    page = (CASE_STUDY.parents[1] / 'docs' / 'model.md').read_text()
+    rows = MEMORY.findall(page.partition('## On a card')[2].partition('\n## ')[0])
+    assert len(rows) == 8
+    for goals, what, *figures in rows:
+        document = many_goals(int(goals), levels=16)
+        if what == 'range flags':
+            document['range'] = case_study()['range']
+        sub = whole(document)
+        needed = memory.needed_bytes(sub, np.float64, 1, find_device('gpu'))
+        sizes = [f'{size / 2**30:.1f}' for size in (needed, memory.kept_bytes(sub, np.float64))]
+        assert figures == [f'{sub.entries:,}', *sizes]
 
 
 def test_a_mission_too_large_for_the_card_is_refused(stand_in, monkeypatch):

@@ -159,13 +159,12 @@ class AxisModel:
     def _base_cost(self) -> RealArray:
         n, tables = self.sub.n, self.reduced.level_costs
         flags, width = self._flags(), self.columns // 8
-        cost = np.zeros((tables.shape[1], 3**n, 8, width)) + self.sub.fault_costs[:, None]
-        priorities = np.indices((3,) * n).reshape(n, 3**n)
-        for table, r, g in zip(tables, flags, priorities):
-            x = (self._flag_values * g[:, None] + r).T
-            own = table[..., x].transpose(0, 3, 1, 2)
-            cost += own.reshape(len(table), -1, 1, width)
-        return self._array(cost.reshape(len(cost), 3**n, self.columns))
+        cost = np.zeros((tables.shape[1], 1, 8, width)) + self.sub.fault_costs[:, None]
+        for table, r in zip(tables, flags):  # Each goal brings the axis of its priority.
+            x = (self._flag_values * np.arange(3)[:, None] + r).T
+            own = table[..., x].transpose(0, 3, 1, 2).reshape(len(table), 1, 3, 1, width)
+            cost = (cost[:, :, None] + own).reshape(len(table), -1, 8, width)
+        return cost.reshape(len(cost), 3**n, self.columns).astype(self.dtype, copy=False)
 
     def _flags(self) -> IntArray:
         """r_j of each goal tracked over the values of the range flags that are variables."""

@@ -26,17 +26,19 @@ class Device:
     Attributes
     ----------
     name : {'cpu', 'gpu'}
-    namespace : module
-        NumPy or CuPy.
     """
 
     name: str
-    namespace: Any
 
     @property
     def on_gpu(self) -> bool:
         """Whether it is a card."""
         return self.name == 'gpu'
+
+    @property
+    def namespace(self) -> Any:
+        """NumPy or CuPy."""
+        return import_module('cupy') if self.on_gpu else np
 
     def put(self, values: AnyArray) -> Any:
         """An array as one of the device; on the processors it is the same one."""
@@ -63,7 +65,7 @@ class Device:
         return int(free + self.namespace.get_default_memory_pool().free_bytes())
 
 
-CPU = Device('cpu', np)
+CPU = Device('cpu')
 
 DEVICES = ('cpu', 'gpu')
 """Names of devices."""
@@ -76,7 +78,7 @@ def find_device(name: str) -> Device:
     if name == 'cpu':
         return CPU
     try:
-        cupy: Any = import_module('cupy')
+        cupy = Device(name).namespace
     except ImportError as error:
         raise ValueError(
             f"device 'gpu' needs the Python package cupy: pip install '.[gpu]' "
@@ -87,7 +89,7 @@ def find_device(name: str) -> Device:
         float((cupy.zeros(1) + 1.0).min())
     except (ImportError, OSError, RuntimeError) as error:
         raise ValueError(f"device 'gpu' cannot be used: {_first_line(error)}") from error
-    return Device(name, cupy)
+    return Device(name)
 
 
 def _first_line(error: Exception) -> str:

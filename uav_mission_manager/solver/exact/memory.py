@@ -54,9 +54,9 @@ def _cost_entries(sub: SubMdp) -> int:
 
 def shortage(sub: SubMdp, dtype: DTypeLike, threads: int, device: Device = CPU) -> str:
     """What value iteration lacks memory for, in words; empty where it fits."""
-    needs = [(needed_bytes(sub, dtype, threads, device), device, '')]
+    whose = ' of the card' if device.on_gpu else ''
+    needs = [(needed_bytes(sub, dtype, threads, device), device, whose)]
     if device.on_gpu:
-        needs[0] = (*needs[0][:2], ' of the card')
         needs.append((kept_bytes(sub, dtype), CPU, ''))
     for needed, where, whose in needs:
         if needed > memory.SMALL_BYTES and needed > (available := where.available_bytes()):
