@@ -162,7 +162,8 @@ class AxisModel:
         cost = np.zeros((tables.shape[1], 1, 8, width)) + self.sub.fault_costs[:, None]
         for table, r in zip(tables, flags):  # Each goal brings the axis of its priority.
             x = (self._flag_values * np.arange(3)[:, None] + r).T
-            own = table[..., x].transpose(0, 3, 1, 2).reshape(len(table), 1, 3, 1, width)
+            own = np.ascontiguousarray(table[..., x].transpose(0, 3, 1, 2))
+            own = own.reshape(len(table), 1, 3, 1, width)
             cost = (cost[:, :, None] + own).reshape(len(table), -1, 8, width)
         return cost.reshape(len(cost), 3**n, self.columns).astype(self.dtype, copy=False)
 
