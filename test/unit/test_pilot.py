@@ -405,6 +405,35 @@ def test_a_pilot_who_disarms_is_not_overruled():
     assert (step.phase, requests) == (Phase.PILOT, [])
 
 
+def landing_when_ordered_away(height: float) -> Flight:
+    """A vehicle in LAND, by an order from here, that is just ordered to fly on."""
+    flight = Flight().order(HOME).airborne()
+    assert flight.step().requests == (SetMode(FlightMode.LAND),)
+    flight.at(0.0, height=height).set(mode=FlightMode.LAND).step()
+    assert flight.order(COMMIT).step().requests == (SetMode(FlightMode.GUIDED),)
+    return flight
+
+
+def test_a_landing_may_end_just_when_the_next_flight_is_ordered():
+    """Motors that stopped in LAND are heard of in GUIDED."""
+    flight = landing_when_ordered_away(height=0.1)
+    step = flight.set(mode=FlightMode.GUIDED, armed=False, landed=True).step()
+    assert (step.phase, step.requests) == (Phase.ARMING, (Arm(),))
+
+
+def test_motors_stopped_just_then_in_the_air_are_not_started_again():
+    flight = landing_when_ordered_away(height=8.0)
+    requests, _, step = flight.set(mode=FlightMode.GUIDED, armed=False, landed=True).run(10.0)
+    assert (step.phase, requests) == (Phase.PILOT, [])
+
+
+def test_motors_stopped_once_it_flies_on_are_not_started_again():
+    flight = landing_when_ordered_away(height=0.1)
+    flight.set(mode=FlightMode.GUIDED).step()
+    requests, _, step = flight.set(armed=False, landed=True).run(10.0)
+    assert (step.phase, requests) == (Phase.PILOT, [])
+
+
 @pytest.mark.parametrize('settings', [SETTINGS, Settings()])
 def test_motors_stopped_in_flight_are_not_started_again(settings):
     """Whoever armed it: a crew that found it flying away, say."""

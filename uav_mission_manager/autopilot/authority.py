@@ -1,7 +1,8 @@
 """Who is in command of the vehicle: the flight mode says it.
 
 Someone else has taken command when the mode changes to one that was not ordered from here, or when
-the motors stop in GUIDED or in the air. A failsafe that leaves the vehicle in GUIDED takes nothing
+the motors stop in GUIDED or in the air. Those that stop as a landing ends, just when GUIDED is
+ordered, were stopped by nobody else. A failsafe that leaves the vehicle in GUIDED takes nothing
 over; one that begins in a landing may be why it goes on. A vehicle that is flown by hand from the
 start is taken over when it is put into GUIDED. What happened unseen while this program was not
 running counts as if it had been seen: it was nobody here who did it. A mode that was about to be
@@ -175,7 +176,8 @@ class Authority:
         if began and self.armed and telemetry.mode in (FlightMode.LAND, FlightMode.RTL):
             return f'the autopilot is in a failsafe ({mode_name(telemetry.mode)})'
         stopped = self.armed and not telemetry.armed
-        if stopped and telemetry.mode == FlightMode.GUIDED:
+        landing = self._seen[0] in (FlightMode.LAND, FlightMode.RTL)  # until just now
+        if stopped and telemetry.mode == FlightMode.GUIDED and not landing:
             return 'disarmed, but not from here'
         if not telemetry.armed and abs(self._fell_at - self._stopped_at) <= FALL_TIME:
             return 'the motors were stopped in the air'
