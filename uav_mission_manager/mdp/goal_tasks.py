@@ -115,6 +115,22 @@ def read_task(section: Section, grid: Grid, cell: int) -> GoalTask:
     section.fail('', f'has none of {", ".join(KINDS)}')
 
 
+def read_slot(section: Section, task: GoalTask | None) -> tuple[bool, int]:
+    """Return whether a goal is a slot, and the priority that it was requested with.
+
+    Raises
+    ------
+    MissionError
+        A slot whose task is bound to a place, or a request without a slot.
+    """
+    slot, requested = section.get('slot'), section.get('requested')
+    if slot and isinstance(task, Waypoints):
+        section.fail('slot', 'has no place yet, so its task cannot be waypoints')
+    if requested and not slot:
+        section.fail('requested', 'only a slot has one')
+    return slot, requested
+
+
 def _near(points: tuple[Waypoint, ...], grid: Grid, cell: int) -> tuple[Waypoint, ...]:
     """Return waypoints that are on the grid and near the cell; so are the legs between them."""
     if grid.origin is None:

@@ -22,13 +22,15 @@ from uav_mission_manager.autopilot.vehicle import mode_name
 from uav_mission_manager.mdp import load_mission
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.clocks import ClockWatch, safety_clock, seconds
-from uav_mission_manager.nodes.flight_plan import FlightPlan, speed_differences
+from uav_mission_manager.nodes.failures import one_line
+from uav_mission_manager.nodes.flight_plan import FlightPlan, Plans, speed_differences
 from uav_mission_manager.nodes.goal_answers import GoalAnswers
 from uav_mission_manager.nodes.lifecycle import AUTOSTART, FAILURE, ManagedNode
 from uav_mission_manager.nodes.log_limit import LogLimit
 from uav_mission_manager.nodes.manager_inputs import ManagerInputs
 from uav_mission_manager.nodes.memory import STATE_DIR, moment, open_journal, time_here
 from uav_mission_manager.nodes.parameters import NodeParameter, declare
+from uav_mission_manager.nodes.plan_offers import PlanOffers, plan_after
 from uav_mission_manager.nodes.presence import LISTENING, Presence
 from uav_mission_manager.nodes.reporting import status
 from uav_mission_manager.nodes.runtime import run_node
@@ -143,7 +145,7 @@ class MavlinkBridge(ManagedNode):
         p = self._settings
         self._mission = load_mission(p.mission)
         try:
-            self._plan = FlightPlan(self._mission, p.flight_altitude)
+            self._plans = Plans(FlightPlan(self._mission, p.flight_altitude))
         except ValueError as error:
             raise ValueError(f'{p.mission}: {error}') from error
         for text in speed_differences(self._mission, p.cruise_speed, p.agile_speed):
@@ -156,7 +158,7 @@ class MavlinkBridge(ManagedNode):
             timeout=p.link_timeout,
         )
         self._opened.callback(link.close)
-        pilot = Pilot(self._flight_settings(), self._plan.ground)
+        pilot = Pilot(self._flight_settings(), self._plans.present.ground)
         pilot.active = False
         self._bridge = VehicleBridge(link, pilot, FaultEstimator(p.effectiveness_threshold))
         self._journal = open_journal(self, p.state_dir, 'mavlink_bridge', self._mission)
@@ -170,12 +172,15 @@ class MavlinkBridge(ManagedNode):
     def activate(self) -> None:
         """Publish, and obey the manager."""
         p, pilot = self._settings, self._bridge.pilot
-        self._outputs = VehicleOutputs(self, self._mission, self._plan.origin, self._log)
+        self._outputs = VehicleOutputs(
+            self, self._plans.present.origin, self._plans.goals, self._log
+        )
         self._begun.callback(self._outputs.close)
         self._diagnostics = self.create_publisher(
             DiagnosticArray, '/diagnostics', qos.RELIABLE, qos_overriding_options=qos.OVERRIDABLE
         )
-        self._inputs = ManagerInputs(self, self._mission, self._plan, pilot, p.manager_timeout)
+        self._inputs = ManagerInputs(self, self._plans, pilot, p.manager_timeout)
+        self._offers = PlanOffers(self, self._plans, self._log)
         self._answers = GoalAnswers(self, self._bridge, self._log)
         self.create_timer(1.0, self._diagnose, clock=self._steady)
         pilot.set_active(True, self._now())
@@ -225,14 +230,25 @@ class MavlinkBridge(ManagedNode):
             self.get_logger().warning(f'{error}; what was before is not known')
             self._bridge.distrust(f'what was before is not known: {error}')
             return
+        self._recall_plan(str(state.get('plan', '')))
         of = '' if record.mission == self._journal.mission else ' of another mission'
         self.get_logger().info(f'goes on from its journal{of}: {self._journal.path}')
+
+    def _recall_plan(self, path: str) -> None:
+        """Have the goals at hand that were requested in flight; unknown ones are not flown to."""
+        if not path:
+            return
+        try:
+            self._plans.next = plan_after(self._plans.present, path)
+        except (ValueError, OSError, MemoryError) as error:
+            self._log(True, f'the plan flown by before is not used: {one_line(error)}')
 
     def _remember(self, memory: dict[str, Any]) -> None:
         if self._presence.silent:  # The journal may be another one's.
             return
-        if memory != self._written.get('memory'):
-            self._written = {'memory': memory, 'written': moment(self._now())}
+        what = {'memory': memory, 'plan': self._plans.present.source}
+        if what != {key: self._written.get(key) for key in what}:
+            self._written = {**what, 'written': moment(self._now())}
         self._journal.write(self._written)
 
     def _now(self) -> float:

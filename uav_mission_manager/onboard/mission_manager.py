@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, Mission, global_actions
+from uav_mission_manager.mdp.placing import changed_goals
 from uav_mission_manager.onboard.deciding import Refusal, decide
 from uav_mission_manager.onboard.dwell import StandingCommand, dwell, stay
 from uav_mission_manager.onboard.inputs import index_of
@@ -140,18 +141,31 @@ class MissionManager:
         for number in range(1, len(FAULT_MODES) + 1):
             self.policy.decide((number, *rest, threat, mode))
 
-    def adopt(self, policy: Policy) -> None:
-        """Fly on with another policy; the standing command stays.
+    def adopt(self, policy: Policy, wanted: bool = True) -> tuple[str, ...]:
+        """Fly on with another policy; the standing command stays, unless its goal is gone.
+
+        Parameters
+        ----------
+        policy : Policy
+        wanted : bool
+            Whether goals that are new in slots are wanted as they were requested, or not at all.
+
+        Returns
+        -------
+        tuple of str
+            The names of the goals that are new.
 
         Raises
         ------
         ValueError
-            If it is for other goals or another grid, or has no energy model.
+            If it is for another grid, or for other goals than in slots, or has no energy model.
         """
-        if policy.mission.geography() != self.policy.mission.geography():
-            raise ValueError('the policy is for other goals, or another grid')
-        self.situation = self.situation.with_mission(policy.mission)
+        others = changed_goals(self.policy.mission, policy.mission)
+        self.situation = self.situation.with_mission(policy.mission, wanted)
         self.policy = policy
+        if self._standing is not None and self._standing.action.goal in others:
+            self._standing = None
+        return tuple(policy.mission.goals[j].name for j in others)
 
     def adjust(self, settings: ManagerSettings) -> None:
         """Go on with other settings; the standing command stays as long as it was to."""

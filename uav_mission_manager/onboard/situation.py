@@ -20,6 +20,7 @@ from uav_mission_manager.onboard.inputs import (
     index_of,
     missing_inputs,
 )
+from uav_mission_manager.onboard.new_goals import goals_of
 from uav_mission_manager.onboard.place import off_grid, present_cell, strayed
 from uav_mission_manager.onboard.range_model import flags_on_board, level_on_board
 from uav_mission_manager.onboard.settling import (
@@ -201,9 +202,10 @@ class Situation:
             refused=(),
         )
 
-    def with_mission(self, mission: Mission) -> Situation:
-        """Continue with a mission of the same goals and grid but other numbers."""
-        return replace(self, mission=mission, level=-1)._ranged()
+    def with_mission(self, mission: Mission, wanted: bool = True) -> Situation:
+        """Continue with a mission that may follow in flight, see `goals_of`."""
+        known = goals_of(mission, self, self._range_dangers, wanted)
+        return replace(self, mission=mission, level=-1, **known)._ranged()
 
     def after(self, action: Action) -> Situation:
         """Continue with c' and m' of a decided action."""
@@ -242,8 +244,7 @@ class Situation:
     @property
     def in_range(self) -> tuple[int, ...]:
         """Whether the charge reaches goal j."""
-        counted = self.dangers.counted
-        return tuple(int(danger not in counted) for danger in self._range_dangers)
+        return tuple(int(name not in self.dangers.counted) for name in self._range_dangers)
 
     @property
     def reachable(self) -> tuple[int, ...]:
@@ -262,8 +263,7 @@ class Situation:
     @property
     def refused_goals(self) -> tuple[str, ...]:
         """Names of the refused goals."""
-        goals = zip(self.mission.goals, self.refused)
-        return tuple(goal.name for goal, refused in goals if refused)
+        return tuple(goal.name for goal, was in zip(self.mission.goals, self.refused) if was)
 
     @cached_property
     def off_grid(self) -> str:

@@ -15,6 +15,7 @@ Times are of the manager's steady clock [s]. Floats are written so that they are
 from __future__ import annotations
 
 import json
+import math
 import uuid
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -92,8 +93,9 @@ class TraceWriter:
             self._keep_state(now)
 
     def adopt(self) -> None:
-        """Say that another policy set is in use."""
+        """Say that another policy set is in use, and with the next step what is known then."""
         self._events.append(['adopt', self._core.policy.digest])
+        self._state_at = -math.inf
 
     def adjust(self) -> None:
         """Say that the settings are others now."""
