@@ -103,6 +103,11 @@ class Plans:
     present: FlightPlan
     next: FlightPlan | None = None
 
+    @property
+    def latest(self) -> FlightPlan:
+        """The plan of the latest policy set."""
+        return self.next or self.present
+
     def goals(self) -> list[str]:
         """Names of the goals that are flown to."""
         return [goal.name for goal in self.present.mission.goals]

@@ -246,7 +246,7 @@ class MavlinkBridge(ManagedNode):
     def _remember(self, memory: dict[str, Any]) -> None:
         if self._presence.silent:  # The journal may be another one's.
             return
-        what = {'memory': memory, 'plan': self._plans.present.source}
+        what = {'memory': memory, 'plan': self._plans.latest.source}
         if what != {key: self._written.get(key) for key in what}:
             self._written = {**what, 'written': moment(self._now())}
         self._journal.write(self._written)

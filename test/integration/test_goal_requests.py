@@ -1,0 +1,209 @@
+"""Goals requested in flight: the chain as processes, from the request to the goal done."""
+
+from __future__ import annotations
+
+import json
+import math
+import signal
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from nav_msgs.msg import Odometry
+from ros_helpers import ROOT, NodeProcess, Ros, free_port
+from std_msgs.msg import String, UInt8MultiArray
+
+from uav_mission_manager import build_policy, load_mission
+from uav_mission_manager.autopilot.task import Settings
+from uav_mission_manager.nodes import qos
+
+SPEEDUP = 4
+NO_FLY_CELL, PLACE, NEXT_PLACE = 7, 6, 2
+REFUSED = 'goal request refused: '
+FLIGHT = {'allow_arming': True, 'goal_dwell': 1.0, 'service_time': 1.0}
+
+
+def parameters(**given: object) -> list[str]:
+    return [
+        '--ros-args',
+        *(w for name, value in given.items() for w in ('-p', f'{name}:={value}')),
+    ]
+
+
+class Chain:
+    """All nodes of a vehicle, the solver and a simulated autopilot."""
+
+    def __init__(self, ros: Ros, folder: Path) -> None:
+        self.ros, self.file = ros, folder / 'mission.yaml'
+        data = yaml.safe_load((ROOT / 'config' / 'case_study.yaml').read_text())
+        data['goals'][2] |= {'name': 'spare', 'cell': 0, 'slot': True}
+        data['threat']['zones'] = {}
+        data['threat']['onset'] = 0.0
+        origin = load_mission(ROOT / 'config' / 'case_study.yaml').grid
+        corners = ((-20, -20), (20, -20), (20, 20), (-20, 20))
+        east, north = origin.position(NO_FLY_CELL)
+        polygon = [list(origin.origin.to_geodetic(east + x, north + y)) for x, y in corners]
+        data['areas'] = {'no_fly': [{'name': 'nest', 'polygon': polygon}]}
+        self.file.write_text(yaml.safe_dump(data))
+        self.mission = load_mission(self.file)
+        self.policy, self.out = folder / 'policy', folder / 'sets' / 'built'
+        build_policy(self.mission).save(self.policy)
+        self.port = free_port()
+        self.track: list[tuple[float, float, float]] = []
+        self.commanded: list[tuple[float, str]] = []
+        ros.node.create_subscription(Odometry, 'odom', self._on_odom, qos.SENSOR)
+        ros.node.create_subscription(String, 'mission_command', self._on_command, qos.LATCHED)
+        self.completed = ros.listen('goal_completed', String, qos.EVENT)
+        self.goals = ros.listen('goal_states', UInt8MultiArray, qos.LATCHED)
+        ros.advertise('goal_requests', String, qos.EVENT)
+        home = self.mission.grid.origin
+        ros.start(
+            'autopilot.sim_autopilot',
+            *('--connection', f'udpout:127.0.0.1:{self.port}', f'--speedup={SPEEDUP}'),
+            f'--origin={home.latitude},{home.longitude},{home.altitude}',
+        )
+        self.base = ros.start('nodes.base_station', *parameters(mission=self.file))
+        self.start_bridge()
+        self.start_manager()
+        self.start_solver()
+
+    def start_bridge(self) -> None:
+        connection = f'udpin:127.0.0.1:{self.port}'
+        given = parameters(mission=self.file, connection=connection, **FLIGHT)
+        self.bridge = self.ros.start('nodes.mavlink_bridge', *given)
+
+    def start_manager(self) -> None:
+        given = parameters(policy=self.policy, command_dwell=0.5)
+        self.manager = self.ros.start('nodes.manager', *given)
+
+    def start_solver(self) -> None:
+        self.solver = self.ros.start('nodes.solver', *parameters(mission=self.file, out=self.out))
+
+    def _on_odom(self, message: Odometry) -> None:
+        place = message.pose.pose.position
+        self.track.append((place.x, place.y, place.z))
+
+    def _on_command(self, message: String, info: dict[str, int]) -> None:
+        self.commanded.append((info['source_timestamp'] * 1e-9, message.data))
+
+    @property
+    def command(self) -> str:
+        return self.commanded[-1][1] if self.commanded else ''
+
+    def request(self, **fields: Any) -> None:
+        self.say(json.dumps(fields))
+
+    def say(self, text: str) -> None:
+        self.ros.publish('goal_requests', String(data=text), qos.EVENT)
+
+    def until_refused(self, words: str) -> None:
+        self.ros.until(lambda: self.lines(words), f'refusal: {words}')
+        assert len(self.lines(words)) == 1
+
+    def lines(self, words: str) -> list[str]:
+        return [line for line in self.solver.lines(REFUSED) if words in line]
+
+    def until_done(self, goal: str) -> None:
+        def done() -> bool:
+            return goal in [message.data for message in self.completed]
+
+        self.ros.until(done, f'{goal}; {self.command}, {self.track[-1:]}', 120.0)
+
+    def until_wanted(self, goals: list[int]) -> None:
+        self.ros.until(
+            lambda: self.goals and list(self.goals[-1].data) == goals, f'goal_states {goals}'
+        )
+
+    def nearest(self, cell: int) -> float:
+        """How near [m] the vehicle has come to the centre of a cell, at its height."""
+        east, north = self.mission.grid.position(cell)
+        flown = [(x, y) for x, y, z in self.track if z > 0.9 * Settings().flight_altitude]
+        return min((math.hypot(x - east, y - north) for x, y in flown), default=math.inf)
+
+    def longest_silence(self) -> float:
+        times = [time for time, _ in self.commanded]
+        return max(after - before for before, after in pairwise(times))
+
+
+@pytest.fixture
+def chain(ros: Ros, tmp_path: Path) -> Chain:
+    return Chain(ros, tmp_path)
+
+
+def ask(chain: Chain, priorities: list[int]) -> None:
+    """Ask for goals, by a base station, and wait until the vehicle flies to one."""
+    chain.ros.until(lambda: chain.track, 'the vehicle')
+    assert chain.ros.set_parameter('base_station', 'priorities', priorities).successful
+    chain.ros.until(lambda: chain.command.startswith('commit'), 'a commitment')
+
+
+def test_a_goal_requested_in_flight_is_flown_and_its_slot_taken_again(chain: Chain) -> None:
+    ask(chain, [1, 2, 0])
+    for text, words in (
+        ('{"cell": 6', '\'{"cell": 6\' is not valid JSON'),
+        ('{"cell": 99}', '99 is no cell of the 2x4 grid'),
+        ('{"east": 400, "north": 0}', '400 m east, 0 m north of cell 0 is off the 2x4 grid'),
+        (json.dumps({'cell': NO_FLY_CELL}), 'cell 7 is in the no-fly area nest'),
+        ('{"cell": 6, "prio": 2}', "prio: is unknown; the nearest known key is 'priority'"),
+    ):
+        chain.say(text)
+        chain.until_refused(words)
+    assert not (chain.out.parent).exists()
+
+    chain.request(cell=PLACE)
+    chain.request(cell=NEXT_PLACE)
+    chain.until_refused('is being built; ask again when it is done')
+    taken = f'policy taken over: {chain.out}.goals1'
+    chain.ros.until(lambda: chain.manager.lines(taken), 'take-over')
+    assert 'goals placed1' in chain.manager.lines(taken)[0]
+    assert chain.nearest(PLACE) > 25.0
+    chain.request(cell=NEXT_PLACE)
+    chain.until_refused('no slot is free of placed1')
+    for goal in 'goal1', 'goal2', 'placed1':
+        chain.until_done(goal)
+    chain.until_wanted([0, 0, 0])
+    assert chain.nearest(PLACE) < Settings().acceptance_radius
+    assert chain.longest_silence() < Settings().manager_timeout
+    assert not chain.bridge.lines('not one of')
+
+    place = chain.mission.grid.origin.to_geodetic(*chain.mission.grid.position(NEXT_PLACE))
+    assert chain.nearest(NEXT_PLACE) > 10.0
+    chain.request(latitude=place[0], longitude=place[1], name='tree', worth=2.5, priority=1)
+    chain.ros.until(lambda: 'commit tree' in chain.command, 'the next commitment')
+    chain.until_done('tree')
+    assert chain.nearest(NEXT_PLACE) < Settings().acceptance_radius
+
+
+def killed(process: NodeProcess) -> None:
+    assert process.stop(signal.SIGKILL) == -signal.SIGKILL
+
+
+def test_a_requested_goal_outlives_all_nodes(chain: Chain, tmp_path: Path) -> None:
+    ask(chain, [0, 2, 0])
+    chain.request(cell=PLACE, name='tree', worth=10.0)
+    chain.ros.until(lambda: chain.manager.lines('goals tree'), 'take-over')
+    chain.until_wanted([0, 2, 2])
+    journal = tmp_path / 'uav_mission_manager' / 'state' / 'mavlink_bridge.journal'
+    chain.ros.until(lambda: 'built.goals1' in journal.read_text(), "the bridge's journal")
+    for process in chain.solver, chain.bridge, chain.manager:
+        killed(process)
+    chain.start_bridge()
+    chain.start_manager()
+    chain.ros.until(lambda: chain.manager.lines('.goals1'), 'the next manager')
+    chain.until_done('goal2')
+    chain.until_done('tree')
+    assert chain.nearest(PLACE) < Settings().acceptance_radius
+
+
+def test_a_manager_that_forgot_wants_no_old_request(chain: Chain, tmp_path: Path) -> None:
+    ask(chain, [0, 1, 0])
+    chain.request(cell=PLACE, name='tree')
+    chain.until_wanted([0, 1, 2])
+    killed(chain.manager)
+    (tmp_path / 'uav_mission_manager' / 'state' / 'manager.journal').unlink()
+    chain.goals.clear()
+    chain.start_manager()
+    chain.ros.until(lambda: chain.manager.lines('goals tree, not wanted'), 'take-over')
+    chain.until_wanted([0, 1, 0])
