@@ -41,7 +41,7 @@ class Placement:
     out: Path
 
 
-class Slots:
+class SlotsInFlight:
     """Hears from the manager what it flies by, and how much each goal is wanted.
 
     What it flies by is the mission file, or one of two policy sets beside the solver's own: the

@@ -23,7 +23,7 @@ from uav_mission_manager.nodes.background import Child, in_thread
 from uav_mission_manager.nodes.failures import START_ERRORS, one_line
 from uav_mission_manager.nodes.parameters import NodeParameter, declare
 from uav_mission_manager.nodes.runtime import run_node
-from uav_mission_manager.nodes.slots import Placement, Slots
+from uav_mission_manager.nodes.slots import Placement, SlotsInFlight
 from uav_mission_manager.paths import expanded
 from uav_mission_manager.policy import DEFAULT_METHOD, METHODS
 
@@ -83,7 +83,7 @@ class Solver(Node):
         )
         waiting = ReentrantCallbackGroup()  # Others go on while a policy is built.
         self.create_service(Trigger, '~/build', self._on_build, callback_group=waiting)
-        self._slots = Slots(self)
+        self._slots = SlotsInFlight(self)
         self.create_subscription(
             String,
             'goal_requests',
