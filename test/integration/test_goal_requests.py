@@ -15,7 +15,7 @@ from nav_msgs.msg import Odometry
 from ros_helpers import ROOT, NodeProcess, Ros, free_port
 from std_msgs.msg import String, UInt8MultiArray
 
-from uav_mission_manager import build_policy, load_mission
+from uav_mission_manager import build_policy, load_mission, load_policy
 from uav_mission_manager.autopilot.task import Settings
 from uav_mission_manager.nodes import qos
 
@@ -172,8 +172,14 @@ def test_a_goal_requested_in_flight_is_flown_and_its_slot_taken_again(chain: Cha
     assert chain.nearest(NEXT_PLACE) > 10.0
     chain.request(latitude=place[0], longitude=place[1], name='tree', worth=2.5, priority=1)
     chain.ros.until(lambda: 'commit tree' in chain.command, 'the next commitment')
+    again = chain.ros.call('solver/build')
+    assert again.success, again.message
+    assert again.message.startswith(f'{chain.out}.goals1: ')
+    names = [goal.name for goal in load_policy(f'{chain.out}.goals1').mission.goals]
+    assert names == ['goal1', 'goal2', 'tree']
     chain.until_done('tree')
     assert chain.nearest(NEXT_PLACE) < Settings().acceptance_radius
+    assert load_mission(chain.file) == chain.mission
 
 
 def killed(process: NodeProcess) -> None:
