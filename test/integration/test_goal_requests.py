@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import math
 import signal
-from itertools import pairwise
+import time
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from uav_mission_manager.nodes import qos
 SPEEDUP = 4
 NO_FLY_CELL, PLACE, NEXT_PLACE = 7, 6, 2
 REFUSED = 'goal request refused: '
+REPEAT_PERIOD = 3.0
 FLIGHT = {'allow_arming': True, 'goal_dwell': 1.0, 'service_time': 1.0}
 
 
@@ -92,18 +94,34 @@ class Chain:
     def command(self) -> str:
         return self.commanded[-1][1] if self.commanded else ''
 
-    def request(self, **fields: Any) -> None:
-        self.say(json.dumps(fields))
-
     def say(self, text: str) -> None:
         self.ros.publish('goal_requests', String(data=text), qos.EVENT)
 
-    def until_refused(self, words: str) -> None:
-        self.ros.until(lambda: self.lines(words), f'refusal: {words}')
-        assert len(self.lines(words)) == 1
+    def until_refused(self, words: str, *texts: str) -> None:
+        """Ask until it is refused in a line with these words: the manager may not be heard yet."""
 
-    def lines(self, words: str) -> list[str]:
-        return [line for line in self.solver.lines(REFUSED) if words in line]
+        def refused() -> bool:
+            return any(words in line for line in self.solver.lines(REFUSED))
+
+        self.repeat(texts, refused, f'refusal: {words}')
+
+    def until_placed(self, **fields: Any) -> None:
+        """Ask until the manager has taken a goal over."""
+        over = f'; goals {fields["name"]}'
+        self.repeat([json.dumps(fields)], lambda: self.manager.lines(over), f'take-over{over}')
+
+    def repeat(self, texts: Iterable[str], condition: Callable[[], Any], what: str) -> None:
+        asked = -math.inf
+
+        def done() -> Any:
+            nonlocal asked
+            if time.monotonic() > asked + REPEAT_PERIOD:
+                asked = time.monotonic()
+                for text in texts:
+                    self.say(text)
+            return condition()
+
+        self.ros.until(done, what)
 
     def until_done(self, goal: str) -> None:
         def done() -> bool:
@@ -116,15 +134,20 @@ class Chain:
             lambda: self.goals and list(self.goals[-1].data) == goals, f'goal_states {goals}'
         )
 
+    def position(self, cell: int) -> tuple[float, float]:
+        return self.mission.grid.position(cell)
+
     def nearest(self, cell: int) -> float:
         """How near [m] the vehicle has come to the centre of a cell, at its height."""
-        east, north = self.mission.grid.position(cell)
+        east, north = self.position(cell)
         flown = [(x, y) for x, y, z in self.track if z > 0.9 * Settings().flight_altitude]
         return min((math.hypot(x - east, y - north) for x, y in flown), default=math.inf)
 
-    def longest_silence(self) -> float:
+    def silence_at(self, line: str) -> float:
+        """Time [s] between the commands before and after a line of the manager's log."""
+        then = float(line.split('[')[2].split(']')[0])
         times = [time for time, _ in self.commanded]
-        return max(after - before for before, after in pairwise(times))
+        return min(t for t in times if t > then) - max(t for t in times if t < then)
 
 
 @pytest.fixture
@@ -148,29 +171,25 @@ def test_a_goal_requested_in_flight_is_flown_and_its_slot_taken_again(chain: Cha
         (json.dumps({'cell': NO_FLY_CELL}), 'cell 7 is in the no-fly area nest'),
         ('{"cell": 6, "prio": 2}', "prio: is unknown; the nearest known key is 'priority'"),
     ):
-        chain.say(text)
-        chain.until_refused(words)
-    assert not (chain.out.parent).exists()
+        chain.until_refused(words, text)
+    assert not chain.out.parent.exists()
 
-    chain.request(cell=PLACE)
-    chain.request(cell=NEXT_PLACE)
-    chain.until_refused('is being built; ask again when it is done')
+    both = tuple(json.dumps({'cell': cell}) for cell in (PLACE, NEXT_PLACE))
+    chain.until_refused('is being built; ask again when it is done', *both)
     taken = f'policy taken over: {chain.out}.goals1'
     chain.ros.until(lambda: chain.manager.lines(taken), 'take-over')
-    assert 'goals placed1' in chain.manager.lines(taken)[0]
+    assert '; goals placed1' in chain.manager.lines(taken)[0]
     assert chain.nearest(PLACE) > 25.0
-    chain.request(cell=NEXT_PLACE)
-    chain.until_refused('no slot is free of placed1')
     for goal in 'goal1', 'goal2', 'placed1':
         chain.until_done(goal)
     chain.until_wanted([0, 0, 0])
     assert chain.nearest(PLACE) < Settings().acceptance_radius
-    assert chain.longest_silence() < Settings().manager_timeout
-    assert not chain.bridge.lines('not one of')
+    assert chain.silence_at(chain.manager.lines(taken)[0]) < Settings().manager_timeout
 
-    place = chain.mission.grid.origin.to_geodetic(*chain.mission.grid.position(NEXT_PLACE))
+    latitude, longitude = chain.mission.grid.origin.to_geodetic(*chain.position(NEXT_PLACE))
     assert chain.nearest(NEXT_PLACE) > 10.0
-    chain.request(latitude=place[0], longitude=place[1], name='tree', worth=2.5, priority=1)
+    chain.until_placed(latitude=latitude, longitude=longitude, name='tree', worth=2.5, priority=1)
+    chain.until_refused('no slot is free of tree', json.dumps({'cell': PLACE}))
     chain.ros.until(lambda: 'commit tree' in chain.command, 'the next commitment')
     again = chain.ros.call('solver/build')
     assert again.success, again.message
@@ -188,9 +207,7 @@ def killed(process: NodeProcess) -> None:
 
 def test_a_requested_goal_outlives_all_nodes(chain: Chain, tmp_path: Path) -> None:
     ask(chain, [0, 2, 0])
-    chain.request(cell=PLACE, name='tree', worth=10.0)
-    chain.ros.until(lambda: chain.manager.lines('goals tree'), 'take-over')
-    chain.until_wanted([0, 2, 2])
+    chain.until_placed(cell=PLACE, name='tree', worth=10.0)
     journal = tmp_path / 'uav_mission_manager' / 'state' / 'mavlink_bridge.journal'
     chain.ros.until(lambda: 'built.goals1' in journal.read_text(), "the bridge's journal")
     for process in chain.solver, chain.bridge, chain.manager:
@@ -198,18 +215,18 @@ def test_a_requested_goal_outlives_all_nodes(chain: Chain, tmp_path: Path) -> No
     chain.start_bridge()
     chain.start_manager()
     chain.ros.until(lambda: chain.manager.lines('.goals1'), 'the next manager')
-    chain.until_done('goal2')
-    chain.until_done('tree')
+    for goal in 'goal2', 'tree':
+        chain.until_done(goal)
     assert chain.nearest(PLACE) < Settings().acceptance_radius
 
 
 def test_a_manager_that_forgot_wants_no_old_request(chain: Chain, tmp_path: Path) -> None:
     ask(chain, [0, 1, 0])
-    chain.request(cell=PLACE, name='tree')
-    chain.until_wanted([0, 1, 2])
+    chain.until_placed(cell=PLACE, name='tree')
     killed(chain.manager)
     (tmp_path / 'uav_mission_manager' / 'state' / 'manager.journal').unlink()
     chain.goals.clear()
     chain.start_manager()
     chain.ros.until(lambda: chain.manager.lines('goals tree, not wanted'), 'take-over')
-    chain.until_wanted([0, 1, 0])
+    chain.ros.until(lambda: chain.goals, 'goal_states')
+    assert all(message.data[2] == 0 for message in chain.goals)
