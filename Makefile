@@ -46,8 +46,8 @@ NONE_CHOSEN = $(if $(ARGS),|| test $$? -eq 5)
 # Unit tests share the processors; integration tests mostly wait, so six at a time, after them.
 test: $(READY)
 	@$(if $(ARGS),:,echo 'About ten minutes on two processors: 5 for the unit tests and as many for the integration tests')
-	$(RUN) -m pytest test/unit test/property -n auto $(ARGS) $(NONE_CHOSEN)
-	$(RUN) -m pytest test/integration -n 6 $(ARGS) $(NONE_CHOSEN)
+	$(RUN) -m pytest test/unit test/property -n auto --dist loadfile $(ARGS) $(NONE_CHOSEN)
+	$(RUN) -m pytest test/integration -n 6 --maxschedchunk 1 $(ARGS) $(NONE_CHOSEN)
 
 lint: $(READY)
 	$(RUN) -m ruff check

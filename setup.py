@@ -16,6 +16,8 @@ COMMANDS = {
     'mission_check': 'cli.mission_check',
     'mission_replay': 'cli.mission_replay',
     'mission_report': 'cli.mission_report',
+    'mission_learn': 'cli.mission_learn',
+    'fault_calibrate': 'cli.fault_calibrate',
     'demo': 'cli.demo',
     'manager': 'nodes.manager',
     'solver': 'nodes.solver',
@@ -76,8 +78,8 @@ setup(
         'page': requirements('-page'),  # console.
         'plan': requirements('-plan'),  # mission_new.
         'fast': requirements('-fast'),  # Exact solutions of large missions, sooner.
-        'plot': requirements('-plot'),  # mission_simulate --plot, plot_policy.
-        'record': requirements('-record'),  # mission_record, mission_replay, mission_report.
+        'plot': requirements('-plot'),  # --plot of commands, plot_policy.
+        'record': requirements('-record'),  # mission_record, and all that read bags.
     },
     entry_points={
         'console_scripts': [

@@ -1,4 +1,4 @@
-"""A ROS domain of its own for every test."""
+"""A ROS domain of its own for every test; the longest flights first."""
 
 from __future__ import annotations
 
@@ -7,6 +7,14 @@ from pathlib import Path
 
 import pytest
 from ros_helpers import Ros, ros_domain
+
+LONGEST = 'test_survey_flight.py', 'test_demo.py', 'test_fleet.py', 'test_plan_flight.py'
+"""Files whose tests take minutes: begun last, all others would have to wait for them."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the longest."""
+    items.sort(key=lambda item: item.path.name not in LONGEST)
 
 
 @pytest.fixture

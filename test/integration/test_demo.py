@@ -96,11 +96,13 @@ def alive(pid: int) -> bool:
     return True
 
 
-def assert_replays(logs: Path, mission: str, commands: set[str]) -> None:
+def assert_replays(
+    logs: Path, mission: str, commands: set[str], policy_set: Path | None = None
+) -> None:
     """What was recorded is decided anew bit for bit, with these commands in it."""
     rosbag2 = pytest.importorskip('rosbags.rosbag2')
     typesys = pytest.importorskip('rosbags.typesys')
-    bag, policy = str(logs / 'bags' / mission), str(logs / mission / 'policy')
+    bag, policy = str(logs / 'bags' / mission), str(policy_set or logs / mission / 'policy')
     module = 'uav_mission_manager.cli.mission_replay'
     done = subprocess.run(
         [sys.executable, '-m', module, bag, '--policy', policy, '--json'],

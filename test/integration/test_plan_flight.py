@@ -102,7 +102,7 @@ def crew(ros: Ros, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[
     crew = Crew(ros, stack, mission)
     latitude, longitude = grid.origin.to_geodetic(*grid.position(grid.base))
     try:
-        stack.start(f'{latitude},{longitude},{grid.origin.altitude}', mission.energy.speed)
+        stack.start(f'{latitude},{longitude},{grid.origin.altitude}', mission.energy)
         yield crew
     finally:
         crew.link.close()

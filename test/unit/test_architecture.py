@@ -22,6 +22,7 @@ ALLOWED = {
     'mdp': set(),
     'solver': {'mdp'},
     'policy': {'mdp', 'solver'},
+    'learning': {'mdp', 'solver', 'policy'},
     'onboard': {'mdp', 'solver', 'policy'},
     'fleet': {'mdp', 'solver', 'policy', 'onboard'},
     'autopilot': {'pymavlink'},
@@ -32,8 +33,8 @@ ALLOWED = {
         'ros',
     },
     'cli': {
-        *('mdp', 'solver', 'policy', 'onboard', 'autopilot', 'drawing', 'console', 'nodes'),
-        *('ros', 'pymavlink'),
+        *('mdp', 'solver', 'policy', 'learning', 'onboard', 'autopilot', 'drawing', 'console'),
+        *('nodes', 'ros', 'pymavlink'),
     },
 }
 # Room of the solver -> what it may import of the others, all of them before it.

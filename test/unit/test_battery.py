@@ -12,7 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uav_mission_manager import load_mission
-from uav_mission_manager.autopilot.simulator.battery import SimulatedBattery
+from uav_mission_manager.autopilot import sim_autopilot
+from uav_mission_manager.autopilot.simulator.battery import Pack, SimulatedBattery
+from uav_mission_manager.autopilot.simulator.flight import SimulatedFlight
+from uav_mission_manager.autopilot.simulator.physics import Conditions, Demand, SimulatedOrigin
 from uav_mission_manager.onboard import InputError, Situation
 from uav_mission_manager.onboard.battery import Batteries, BatteryReport
 
@@ -71,7 +74,7 @@ def test_a_battery_of_four_cells_stays_one_when_it_is_empty():
 
 @pytest.mark.parametrize('energy', [ENERGY, THREE_CELLS])
 def test_a_simulated_battery_is_believed_until_it_is_nearly_empty(energy):
-    battery = SimulatedBattery()
+    battery = SimulatedBattery(cells=3)
     while battery.charge > 0.1:
         battery.drain(300.0, 1.0, 5.0, 0.0)
         reported = round(battery.charge, 2)
@@ -204,3 +207,25 @@ def test_the_noise_of_a_voltage_flips_no_flag():
         flags.append(situation.in_range)
     assert len(set(flags)) > 1
     assert sum(before != after for before, after in pairwise(flags)) <= MISSION.k
+
+
+def test_a_simulated_vehicle_has_the_battery_asked_for():
+    flight = SimulatedFlight(
+        SimulatedOrigin(0.0, 0.0, 0.0), pack=Pack(cells=6, capacity=18.0, hover_power=1100.0)
+    )
+    assert flight.body.battery.voltage == pytest.approx(6 * 4.2)
+    assert flight.parameters['SIM_BATT_CAP_AH'] == 18.0
+    assert flight.parameters['BATT_LOW_VOLT'] == 6 * 3.5
+    for _ in range(60):
+        flight.body.step(1.0, Demand(0j, 0.0), Conditions(capacity=18.0), True)
+    hours = 60.0 / 3600.0
+    assert 1.0 - flight.body.battery.charge == pytest.approx(
+        1100.0 * hours / (6 * 4.2 * 18.0), rel=0.03
+    )
+
+
+@pytest.mark.parametrize('text', ['6,18', '6,x,1100', '6.5,18,1100', '0,18,1100', '6,18,inf'])
+def test_no_battery_is_refused_in_words(text, capsys):
+    with pytest.raises(SystemExit):
+        sim_autopilot.main(['--battery', text])
+    assert 'is not' in capsys.readouterr().err.splitlines()[-1]

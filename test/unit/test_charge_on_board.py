@@ -97,7 +97,7 @@ def decided(policy, priorities, charge, **battery):
     ('priorities', 'waiting', 'full', 'capacity', 'then'),
     [
         ((2, 2, 2), 0.7, 1.0, 0.7, ActionKind.COMMIT),  # The battery has grown old.
-        ((0, 0, 0), 0.88, 0.9, 1.0, ActionKind.NONE),  # The charger stops at 90 %.
+        ((0, 0, 0), 0.88, float(np.float32(0.9)), 1.0, ActionKind.NONE),  # A charger's 90 %.
     ],
 )
 def test_a_pack_that_is_as_full_as_it_gets_is_not_waited_for(

@@ -215,7 +215,9 @@ def test_people_are_shown_what_differs(
     recorded, replayed = first['recorded'], first['replayed']
     [place] = [number for number, line in enumerate(lines) if f'{first["seconds"]:.2f} s' in line]
     assert f'{recorded["command"]} was commanded' in lines[place]
-    assert ' '.join(map(str, recorded['state'])) in lines[place + 1]
+    names = ['f', 'r1', 'r2', 'r3', 'g1', 'g2', 'g3', 'l', 'c', 't', 'm']
+    pairs = zip(names, recorded['state'], strict=True)
+    assert ' '.join(f'{name}={value}' for name, value in pairs) in lines[place + 1]
     assert f'{recorded["values"][recorded["action"] - 1]:.6g}' in lines[place + 1]
     if 'command' in replayed:
         assert f'{replayed["values"][recorded["action"] - 1] or 0:.6g}' in lines[place + 2] or (

@@ -7,10 +7,12 @@ from itertools import accumulate
 import pytest
 
 from uav_mission_manager.nodes.clocks import (
+    LONGEST_STEP,
     STANDING_TIME,
     TOLD_TIME,
     WATCH_PERIOD,
     ClockComparison,
+    WorkingTime,
 )
 
 NOW = 1.7e9
@@ -63,3 +65,14 @@ def test_a_clock_that_stands_is_said_until_it_goes(start: float) -> None:
 
 def test_the_first_time_of_a_simulation_is_no_jump() -> None:
     assert set(problems([0.0, NOW, WATCH_PERIOD], simulated=True, start=0.0)) == {''}
+
+
+def test_time_in_which_a_node_stood_still_does_not_count():
+    times = iter([100.0, 101.0, 103.5, 163.5, 164.5])
+    working = WorkingTime(lambda: next(times))
+    assert [working() for _ in range(4)] == [
+        101.0,
+        103.5,
+        103.5 + LONGEST_STEP,
+        104.5 + LONGEST_STEP,
+    ]

@@ -10,7 +10,7 @@ from strategies import case_study, lively, with_charge
 from test_extending import extended
 
 from uav_mission_manager.mdp import mission_from_dict
-from uav_mission_manager.solver.exact import AxisModel, Sweeper, sweep, value_iteration
+from uav_mission_manager.solver.exact import AxisModel, Sweeper, memory, sweep, value_iteration
 from uav_mission_manager.solver.submdp import SubMdp, whole_mission
 
 
@@ -91,6 +91,13 @@ def test_without_numba_nothing_is_compiled(monkeypatch):
     for name in ('compiled', 'kernels'):
         monkeypatch.delitem(sys.modules, f'uav_mission_manager.solver.exact.{name}', raising=False)
     assert sweeper_of(whole(case_study(1))).compiled is None
+
+
+def test_the_compiler_counts_in_what_memory_is_needed(compiled, monkeypatch):
+    sub = whole(with_charge(case_study()))
+    with_numba = memory.needed_bytes(sub, np.float64, 2)
+    monkeypatch.setitem(sys.modules, 'numba', None)
+    assert with_numba - memory.needed_bytes(sub, np.float64, 2) == memory.COMPILER_BYTES
 
 
 def test_small_missions_do_not_wait_for_a_compiler():

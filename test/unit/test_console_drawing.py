@@ -16,6 +16,7 @@ from uav_mission_manager.console.heard import (
     LogLine,
     Noted,
     Pose,
+    decision_from,
 )
 from uav_mission_manager.console.map_overlay import (
     Craft,
@@ -35,11 +36,13 @@ from uav_mission_manager.console.markup import (
 )
 from uav_mission_manager.console.timeline import BLOCK, COLUMN_WIDTH, block_svg, blocks, row_names
 from uav_mission_manager.console.view import Bar, view_of
-from uav_mission_manager.mdp import mission_from_dict
+from uav_mission_manager.mdp import StateSpace, mission_from_dict
+from uav_mission_manager.nodes.reporting import state_in_words
 
 SVG = '{http://www.w3.org/2000/svg}'
 HOSTILE = '<script>alert(1)</script>"onload="x'
 MISSION = mission_from_dict(case_study(), 'test')
+SPACE = StateSpace.of(MISSION)
 STATE = (1, 1, 0, 1, 0, 2, 1, 5, 1, 0, 0)
 
 
@@ -171,8 +174,9 @@ def test_the_base_layer_has_areas_and_waypoints():
         assert of_class(ElementTree.fromstring(base_layer(MISSION)), kind) == []
 
 
-def epoch(number, state=STATE, command='commit goal1 normal'):
-    return HeardEpoch(number, '12:00:00', state, command)
+def epoch(number, state=STATE, command='commit goal1 normal', words=None):
+    values = {'state': ' '.join(map(str, state)), 'command': command, **(words or {})}
+    return HeardEpoch(number, '12:00:00', decision_from('', values))
 
 
 def test_old_blocks_of_the_timeline_stay_as_they_are():
@@ -195,7 +199,7 @@ def runs(svg, kind):
 def test_a_bar_covers_the_epochs_of_its_value():
     calm, high = STATE, (*STATE[:-2], 2, 1)
     states = [calm, high, high, calm, high]
-    svg = block_svg([epoch(number, state) for number, state in enumerate(states, 1)], MISSION)
+    svg = block_svg([epoch(number, state) for number, state in enumerate(states, 1)], SPACE)
     assert runs(svg, 't-2') == runs(svg, 'm-1') == [(1, 3), (4, 5)]
     assert runs(svg, 'c-1') == [(0, 5)]
     assert runs(svg, 'r-1') == [(0, 5)]  # goal2 is out of range.
@@ -205,7 +209,14 @@ def test_a_bar_covers_the_epochs_of_its_value():
 def test_goals_that_a_charge_does_not_reach_are_out_of_range():
     mission = mission_from_dict(with_charge(case_study(), levels=8), 'test')
     full, empty = ((1, level, 0, 2, 1, 5, 1, 0, 0) for level in (7, 0))
-    svg = block_svg([epoch(1, full), epoch(2, empty)], mission)
+    epochs = [
+        epoch(number, state, words=state_in_words(mission, state))
+        for number, state in enumerate((full, empty), 1)
+    ]
+    svg = block_svg(epochs, StateSpace.of(mission))
+    assert [text.text for text in of_class(ElementTree.fromstring(svg), 'head')] == ['1', '2']
+    assert '>7</text>' in svg
+    assert 'state f=1 b=7 g1=0 g2=2 g3=1 l=5 c=1 t=0 m=0' in svg
     assert runs(svg, 'g-2') == [(0, 1)]
     assert runs(svg, 'r-1') == [(1, 2), (1, 2)]
     lost = [len(of_class(drawn(heard_of(state), mission), 'lost')) for state in (full, empty)]
@@ -213,7 +224,7 @@ def test_goals_that_a_charge_does_not_reach_are_out_of_range():
 
 
 def test_silence_is_marked_and_a_state_of_another_mission_is_not_drawn():
-    svg = block_svg([epoch(1, (), ''), epoch(2, (1,) * 7)], MISSION)
+    svg = block_svg([epoch(1, (), ''), epoch(2, (1,) * 7)], SPACE)
     assert runs(svg, 'none-1') == [(0, 1)]
     assert runs(svg, 'c-1') == []
 
@@ -221,6 +232,7 @@ def test_silence_is_marked_and_a_state_of_another_mission_is_not_drawn():
 def test_rows_have_names():
     assert row_names(['a', 'b'])[:3] == ('a', 'b', 'commitment')
     assert len(row_names(['a'] * 100)) == 8 + 5
+    assert row_names(['a'], levels=16)[:3] == ('a', 'charge', 'commitment')
 
 
 def test_what_comes_from_outside_is_escaped_everywhere():
@@ -241,7 +253,7 @@ def test_what_comes_from_outside_is_escaped_everywhere():
         moving_layer(mission, heard, '', {HOSTILE: Craft(heard.pose.value, False)}),
         base_layer(mission),
         goal_layer(mission, heard, True),
-        block_svg([epoch(1, STATE, HOSTILE)], MISSION),
+        block_svg([epoch(1, STATE, HOSTILE)], SPACE),
     ]
     for part in parts:
         ElementTree.fromstring(f'<div>{part}</div>')  # Also that it is well-formed.

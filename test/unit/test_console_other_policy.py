@@ -10,12 +10,12 @@ import pytest
 from strategies import case_study
 
 from uav_mission_manager import build_policy
-from uav_mission_manager.console.heard import Heard, HeardEpoch
+from uav_mission_manager.console.heard import Heard, HeardDecision, HeardEpoch
 from uav_mission_manager.console.markup import other_html
 from uav_mission_manager.console.other_policy import OtherDecision, OtherPolicy
 from uav_mission_manager.console.playback import FLIGHT_STEP, Playback, RecordedFlight
 from uav_mission_manager.console.timeline import block_svg, row_names
-from uav_mission_manager.mdp import global_actions, mission_from_dict
+from uav_mission_manager.mdp import StateSpace, global_actions, mission_from_dict
 from uav_mission_manager.onboard import Refusal, format_command
 from uav_mission_manager.onboard.trace import ReplayedStep, outcome_values
 
@@ -79,7 +79,10 @@ def test_stretches_in_which_it_differs_are_whole_and_all(other):
 @pytest.mark.parametrize('jitter', [-0.004, 0.004])
 def test_epochs_are_marked_although_their_topic_was_recorded_before_or_after(other, jitter):
     epochs = [
-        (PERIOD * (3 * n + 1) + jitter, HeardEpoch(n + 1, '', state, command(FLOWN, state)))
+        (
+            PERIOD * (3 * n + 1) + jitter,
+            HeardEpoch(n + 1, '', HeardDecision('', state=state, command=command(FLOWN, state))),
+        )
         for n, state in enumerate(STATES)
     ]
     assert other.by_epoch(epochs) == {
@@ -117,10 +120,11 @@ def test_the_page_goes_from_difference_to_difference(other):
 
 
 def test_the_timeline_has_a_row_for_it():
-    epochs = [HeardEpoch(n, '', STATES[0], 'none normal') for n in (1, 2, 3, 4)]
+    decision = HeardDecision('', state=STATES[0], command='none normal')
+    epochs = [HeardEpoch(n, '', decision) for n in (1, 2, 3, 4)]
     commands = {2: 'commit goal2 agile', 3: 'recharge', 4: ''}
     plain, marked = (
-        ElementTree.fromstring(block_svg(epochs, MISSION, others=others))
+        ElementTree.fromstring(block_svg(epochs, StateSpace.of(MISSION), others, MISSION))
         for others in (None, commands)
     )
     words = [e.text for e in marked.iter('text')]
@@ -130,7 +134,7 @@ def test_the_timeline_has_a_row_for_it():
     titles = [e.text for e in marked.iter('title')]
     assert 'other policy' not in titles[0]
     assert titles[1].endswith('other policy: commit goal2 agile')
-    assert row_names(['a'], True)[-1] == 'other policy'
+    assert row_names(['a'], other=True)[-1] == 'other policy'
     assert 'other policy' not in row_names(['a'])
 
 

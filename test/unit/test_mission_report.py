@@ -18,12 +18,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from brute_force import BruteForce
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from uav_mission_manager.cli.mission_report import main
+from uav_mission_manager.cli.mission_report import goals_done, main
 from uav_mission_manager.cli.mission_report.flight_record import flight_record
 
 ROOT = Path(__file__).parents[2]
@@ -37,7 +38,7 @@ ACTIONS = (
     *('recharge', 'repair'),
 )
 WORDS = {
-    'none normal': ('STAY AT BASE', 'RETURN TO BASE'),
+    'none normal': ('STAY AT BASE', 'RETURN TO BASE', 'LAND AT BASE'),
     'none agile': ('EVADE TO BASE',),
     'recharge': ('RECHARGE',),
     'repair': ('GO FOR REPAIR',),
@@ -117,7 +118,9 @@ def report(out: Path, source: Path | str, *options: str) -> str:
 @pytest.fixture(scope='module')
 def text(tmp_path_factory: pytest.TempPathFactory) -> str:
     out = tmp_path_factory.mktemp('report') / 'report.html'
-    return report(out, BAG, '--policy', CASE_STUDY, '--speedup', str(SPEEDUP))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(goals_done, 'SIMULATION_SECONDS', math.inf)  # On a busy machine, too.
+        return report(out, BAG, '--policy', CASE_STUDY, '--speedup', str(SPEEDUP))
 
 
 @pytest.fixture(scope='module')
@@ -137,12 +140,28 @@ def test_each_command_is_told_with_time_reason_second_best_and_cost(page: Page) 
         assert row[:2] == [clock(at), str(number)]
         assert row[2] in WORDS[values['command']]
         assert row[3].partition('\n')[0] == reason.split('; expected cost')[0]
-        words, _, cost = row[4].rpartition(', ')
-        assert words in WORDS[values['runner_up']]
-        assert float(cost.removesuffix(' more')) == pytest.approx(
-            float(values['margin']), rel=5e-3
-        )
+        second, _, other = row[4].partition('; ')
+        words, _, cost = second.rpartition(', ')
+        same, margin = values['runner_up'].split()[:2], float(values['margin'])
+        assert float(cost.removesuffix(' more')) == pytest.approx(margin, rel=5e-3)
         q = [float(value) for value in values['values'].split()]
+        here = values['command'].split()[:2]
+        if here[0] == 'commit' and here == same:
+            assert (
+                words == f'the same{" agile" if "agile" in values["runner_up"] else ", not agile"}'
+            )
+            others = {
+                value: name
+                for value, name in zip(q, ACTIONS)
+                if math.isfinite(value) and name.split()[:2] != here
+            }
+            words, _, cost = other.rpartition(', ')
+            assert words in WORDS[others[min(others)]]
+            least = q[ACTIONS.index(values['command'])]
+            assert float(cost) == pytest.approx(min(others) - least, rel=5e-3, abs=1e-3)
+        else:
+            assert words in WORDS[values['runner_up']]
+            assert other == ''
         assert float(row[5]) == pytest.approx(min(q), rel=5e-4)
         assert q[ACTIONS.index(values['runner_up'])] - q[ACTIONS.index(values['command'])] == (
             pytest.approx(float(values['margin']), abs=1e-3)
@@ -162,37 +181,81 @@ def test_the_story_is_in_order_and_has_what_was_heard(page: Page) -> None:
         assert [e.removeprefix(words) for e in events if e.startswith(words)] == changes
     faults = [message.data for _, message in said('fault_mode')]
     changes = [new for old, new in pairwise(['', *faults]) if new != old]
-    assert [f'fault mode {name}' for name in changes] == [e for e in events if 'fault' in e][1:]
+    told = [e for e in events if e.startswith('fault mode') and 'counts' not in e]
+    assert [f'fault mode {name}' for name in changes] == told
     assert 'asked for: goal2 high priority, goal3 low priority' in events
-    assert events.count('took off') == events.count('landed') == 3
+    assert len([e for e in events if e.startswith('took off')]) == 3
+    assert len([e for e in events if e.startswith('landed')]) == 3
     assert not [each for each in events if 'still asked for' in each]  # It is told as completed.
     charges = [message.percentage for _, message in said('battery_state')]
     jumps = [(old, new) for old, new in pairwise(charges) if abs(old - new) >= 0.1]
-    assert [f'charge of the battery jumps from {old:.0%} to {new:.0%}' for old, new in jumps] == [
-        each for each in events if 'jumps' in each
-    ]
-    assert len(jumps) == 2
+    (fell, low), (empty, full) = jumps
+    assert f'reported charge fell suddenly from {fell:.0%} to {low:.0%}' in events
+    assert f'battery recharged or replaced: charge from {empty:.0%} to {full:.0%}' in events
 
 
 def test_why_it_turned_back_is_in_the_first_lines(page: Page) -> None:
     words = ''.join(page.words)
-    for command, how in (('recharge', 'to recharge'), ('repair', 'for repair')):
+    for command, how in (
+        ('recharge', 'stayed in the service cell to recharge'),
+        ('repair', 'went for repair'),
+    ):
         [(at, reason)] = [
             (at, reason)
             for (_, before, _), (at, values, reason) in pairwise(decisions())
             if values['command'] == command != before['command']
         ]
-        assert f'{clock(at)} It went {how}: {reason.split("; expected")[0]}' in words
-    assert 'charge 20%, which was 85% a moment before. Second best: RETURN TO BASE, ' in words
-    assert 'The manager was in command all the time.' in words
+        assert f'{clock(at)} It {how}: {reason.split("; expected")[0]}' in words
+    fell = 'reported charge had fallen suddenly from 85% to 20%'
+    assert f'{fell}. Second best: RETURN TO BASE, ' in words
+    assert 'It went on to goal2, agile: threat high was heard.' in words
+    assert 'It flew to base, agile: no goal is wanted, and threat high still counted.' in words
+    first = clock(decisions()[0][0])
+    assert f'Nobody took command from the manager, which commanded from {first} on.' in words
 
 
-def test_goals_are_done_when_they_were_completed(page: Page) -> None:
+def test_goals_are_asked_for_begun_and_done_as_in_the_bag(page: Page) -> None:
+    rows = page.table('goal', 'asked', 'begun', 'done')
     completed = [(message.data, clock(at)) for at, message in said('goal_completed')]
-    rows = page.table('goal', 'wanted from', 'over at')
-    assert sorted((row[0], row[3]) for row in rows) == sorted(completed)
-    assert {row[4] for row in rows} == {'done'}
+    assert sorted((row[0], row[4]) for row in rows) == sorted(completed)
+    requests = [(at, list(message.data)) for at, message in said('goal_priorities')]
+    for name, _, asked, begun, done, *_ in rows:
+        j, end = int(name[-1]) - 1, seconds_of(done)
+        raised = [at for (_, was), (at, now) in pairwise(requests) if now[j] > was[j] and at < end]
+        assert asked.partition(', ')[0] == clock(raised[-1])
+        first = next(
+            at
+            for at, values, _ in decisions()
+            if raised[-1] <= at < end and values['command'].startswith(f'commit {name} ')
+        )
+        assert begun == clock(first)
+        wanted = [
+            at for at, v, _ in decisions() if at >= raised[-1] and int(v['state'].split()[4 + j])
+        ]
+        assert asked.endswith(f', counts from {clock(wanted[0])}') == (
+            wanted[0] - raised[-1] > 8.0
+        )
     assert [row[6] for row in rows if row[0] == 'goal1'] == ['0:30', '0:30']
+
+
+def seconds_of(text: str) -> int:
+    minutes, rest = text.split(':')
+    return 60 * int(minutes) + int(rest)
+
+
+@pytest.mark.parametrize(('took', 'slower'), [(9.0, '0% of them'), (1800.0, '100% of them')])
+def test_how_many_simulated_flights_were_quicker(tmp_path: Path, took: float, slower: str) -> None:
+    """No flight of the model is quicker than an epoch, and hardly one takes half an hour."""
+    messages = [
+        decided(0.0, 'commit goal1 normal', state='1 1 1 1 2 0 0 0 1 0 0'),
+        string(took, '/uav1/goal_completed', 'goal1'),
+        decided(took + 0.1),
+    ]
+    bag = bag_of(tmp_path / 'bag', messages)
+    page = Page(report(tmp_path / 'r.html', bag, '--policy', CASE_STUDY))
+    assert page.table('goal', 'slower than') == [
+        ['goal1', 'high', '0:00', '0:00', clock(took), clock(took), '0:30', slower]
+    ]
 
 
 def test_energy_is_what_the_charge_says_and_what_the_mission_expects(page: Page) -> None:
@@ -229,6 +292,131 @@ def test_what_was_paid_is_what_a_model_of_its_own_says(page: Page) -> None:
     assert f'paid in {epochs:,} epochs of 10 s' in page.tables[-2][2][0]
     surprises = [float(row[2]) for row in page.tables[-1][1:]]
     assert sum(surprises) == pytest.approx(rows[-1], abs=0.1)
+
+
+def test_what_waited_is_told_with_how_long(page: Page) -> None:
+    rows = [(row[0], row[2]) for row in page.table('what', 'why')]
+    states = [(at, values['state'].split()) for at, values, _ in decisions()]
+    for topic, place, words in (('threat_level', -2, 'threat none'), ('fault_mode', 0, None)):
+        words = words or 'fault mode nominal'
+        heard = [(at, message.data) for at, message in said(topic)]
+        over = [at for (_, was), (at, now) in pairwise(heard) if now != was][-1]
+        quiet = states[-1][1][place]
+        at = [at for (_, was), (at, now) in pairwise(states) if now[place] == quiet != was[place]]
+        text = f'{words} counts now: heard at {clock(over)}, {at[-1] - over:.0f} s before'
+        assert (clock(at[-1]), text) in rows
+    asked = next(at for at, message in said('goal_priorities') if any(message.data))
+    counted = next(at for at, values, _ in decisions() if '1' in values['state'].split()[4:7])
+    [request] = [text for _, text in rows if 'counts from' in text]
+    assert request.endswith(f'; counts from {clock(counted)} on, {counted - asked:.0f} s later')
+    kept = [(at, values) for at, values, _ in decisions() if float(values['margin']) < 0]
+    flown = next(at for at, v, _ in decisions() if at > kept[0][0] and float(v['margin']) >= 0)
+    [change] = [row for row in page.table('what', 'why') if 'a change of mind waits' in row[-3]]
+    assert change[0] == clock(flown)
+    assert f'decided {flown - kept[0][0]:.0f} s before; a change of mind waits' in change[3]
+    charges = [(at, message.percentage) for at, message in said('battery_state')]
+    full = next(at for (_, was), (at, now) in pairwise(charges) if now - was > 0.1)
+    back = next(at for at, state in states if at > full and state[1:4] == ['1', '1', '1'])
+    text = f'the new charge counts now: heard at {clock(full)}, {back - full:.0f} s before'
+    assert (clock(back), text) in rows
+
+
+def test_a_turn_without_news_has_the_values_before_and_after(page: Page) -> None:
+    """Command 5 turns from goal 2 to goal 3, for the vehicle has come to cell 6."""
+    at_turn = [i for i, (_, v, _) in enumerate(decisions()) if v['command'] == ACTIONS[3]]
+    found = decisions()
+    turn = next(i for i in at_turn if found[i - 1][1]['command'] == ACTIONS[2])
+    (new_then, old_then), (new, old) = (
+        [float(found[i][1]['values'].split()[j]) for j in (3, 2)] for i in (turn - 1, turn)
+    )
+    assert old_then < new_then
+    assert new < old
+    [row] = [row for row in page.table('what', 'why') if row[0] == clock(found[turn][0])]
+    assert f'in cell {found[turn][1]["state"].split()[-4]} by now' in row[3]
+    assert (
+        f'this costs {new:.4g} from there, GO TO goal2 {old:.4g}; from cell '
+        f'{found[turn - 1][1]["state"].split()[-4]} it was {new_then:.4g} and {old_then:.4g}'
+    ) in row[3]
+
+
+def test_where_it_took_off_and_why_though_it_was_to_recharge(page: Page) -> None:
+    rows = [row for row in page.table('what', 'why') if len(row) == 3]
+    told = [(row[0], row[2]) for row in rows if row[2].startswith(('took off', 'landed'))]
+    assert [text for _, text in told] == [
+        'took off in the base cell',
+        'landed in the service cell',
+        'took off in the service cell: begun for command 11, before 12 came',
+        'landed in the service cell',
+        'took off in the service cell',
+        'landed in the base cell',
+    ]
+    commands = {row[1]: row for row in page.table('what', 'why') if len(row) == 6}
+    assert commands['11'][2].startswith('GO TO')
+    assert commands['12'][2] == 'RECHARGE'
+    places = [(at, m.pose.pose.position) for at, m in said('odom')]
+    start, end = map(seconds_of, (told[2][0], told[3][0]))
+    hover = [place for at, place in places if start < at < end]
+    assert max(math.dist((p.x, p.y), (50.0, 0.0)) for p in hover) < 25.0  # The service cell.
+
+
+def test_in_the_base_cell_and_in_the_air_it_lands(page: Page) -> None:
+    [row] = [row for row in page.table('what', 'why') if row[2] == 'LAND AT BASE']
+    height = [m.pose.pose.position.z for at, m in said('odom') if at <= seconds_of(row[0])][-1]
+    assert height > 2.0
+    assert 'in the air: goes on to the base point and lands' in row[3]
+
+
+def test_how_many_flights_cost_as_much_is_simulated(tmp_path: Path) -> None:
+    """Of one epoch, in which a goal comes to be wanted; the share by the brute-force model."""
+    from uav_mission_manager import load_policy
+
+    policy = load_policy(CASE_STUDY)
+    before, after = (1, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0), (1, 1, 1, 1, 0, 0, 1, 0, 0, 0, 0)
+
+    def told(at: float, state: tuple[int, ...]) -> Message:
+        decision = policy.decide(state)
+        command = ACTIONS[decision.action.number - 1]
+        values = {'state': state, 'values': decision.values}
+        return decided(at, command, **{k: ' '.join(map(repr, v)) for k, v in values.items()})
+
+    bag = bag_of(tmp_path / 'bag', [told(0.0, before), told(9.0, after), told(11.0, after)])
+    text = report(tmp_path / 'r.html', bag, '--policy', CASE_STUDY)
+    manifest = json.loads((Path(CASE_STUDY) / 'manifest.json').read_text())
+    model = BruteForce(manifest['mission'])
+    states, chances = zip(*model.successors(before, 1))
+    values = policy.q_values(list(states)).min(axis=1)
+    least = min(policy.decide(after).values)
+    share = float(np.array(chances)[values >= least * (1 - 1e-12)].sum())
+    assert 0.02 < share < 0.5
+    said = float(re.search(r'([\d.]+)% cost as much or more', text)[1]) / 100
+    assert said == pytest.approx(share, abs=0.005 + 4 * math.sqrt(share * (1 - share) / 1000))
+
+
+def test_no_policy_could_expect_less(text: str, page: Page) -> None:
+    expected = float(page.tables[-2][1][1])
+    bound = float(decisions()[0][1]['lower_bound'])
+    assert bound == pytest.approx(expected, abs=0.01)
+    assert f'No policy could have expected less than {bound:.2f} at the start.' in text
+
+
+def test_what_is_left_out_of_the_surprises_weighs_less_than_what_is_shown(page: Page) -> None:
+    rows = page.tables[-1][1:]
+    costs = [abs(float(row[2])) for row in rows]
+    assert rows[-1][1].endswith(' more')
+    assert costs[-1] <= min(costs[:-1])
+    slow = [row[1] for row in rows if 'slower than the mission assumes' in row[1]]
+    assert [text.split(',')[0] for text in slow] == ['GO FOR REPAIR', 'RECHARGE']
+    heard = {row[0] for row in page.table('what', 'why')}
+    assert {row[0] for row in rows} - {''} <= heard  # One event has one time.
+
+
+def test_the_legend_says_what_the_map_shows(text: str, page: Page) -> None:
+    for words in ('base, where it starts', 'service, where it is recharged', 'threats likelier'):
+        assert words in text
+    assert 'of a simulation at 8 times the speed of life' in text
+    assert 'policy set with fingerprint ' in text
+    assert "5 s of the manager's clock, which are 40 s here" in ''.join(page.words)
+    assert 'the worst of' not in text
 
 
 def test_the_track_on_the_map_is_where_it_was(text: str) -> None:
@@ -350,7 +538,7 @@ def test_takeovers_and_refusals_are_told(tmp_path: Path) -> None:
         ('1:40', 'no command: link lost: odom 9.0 s old'),
     ]
     words = ''.join(page.words)
-    assert 'PILOT from 1:01 (the pilot chose LOITER)' in words
+    assert 'PILOT from 1:01 to 1:15 (the pilot chose LOITER)' in words
     assert 'Out of reach, or failed: goal2 at 1:20, goal3: no picture at 1:30.' in words
     assert 'No battery was heard.' in words
 
@@ -418,7 +606,7 @@ def refusal(arguments: Sequence[str], capsys: pytest.CaptureFixture[str]) -> str
         (
             lambda folder: bag_of(folder / 'bag', [decided(0.0, state='1 7 2 2 0 0 0 0')]),
             (),
-            'at 0.00 s: states with a charge (range.charge) have no report of flights yet',
+            None,
         ),
         (
             lambda folder: bag_of(folder / 'bag', [decided(0.0, values='1 2')]),
@@ -474,6 +662,31 @@ def test_it_needs_neither_ros_nor_matplotlib(tmp_path: Path) -> None:
     )
     subprocess.run([sys.executable, '-c', code], cwd=ROOT, capture_output=True, check=True)
     assert {each.name for each in tmp_path.iterdir()} == {'a.html', 'b.html'}
+
+
+def test_of_several_batteries_the_worst_is_drawn_and_said(tmp_path: Path) -> None:
+    kind = 'sensor_msgs/msg/BatteryState'
+    [first, *_] = said('battery_state')
+    batteries = []
+    for name in ('a', 'b'):
+        values = {**vars(first[1]), 'location': name}
+        values.pop('__msgtype__', None)
+        batteries.append((1.0, '/uav1/battery_state', kind, STORE.types[kind](**values)))
+    for count, words in ((1, 'Line: charge.'), (2, 'Line: the worst of 2 batteries.')):
+        bag = bag_of(tmp_path / str(count), [decided(0.0), *batteries[:count]])
+        assert words in report(tmp_path / 'r.html', bag)
+
+
+def test_before_the_first_command_there_is_none_yet(tmp_path: Path) -> None:
+    waiting = status(0.0, '/uav1/manager/decision', 'manager', 'waiting for data: odom')
+    lost = status(9.0, '/uav1/manager/decision', 'manager', 'link lost: odom 4.0 s old')
+    bag = bag_of(tmp_path / 'bag', [waiting, decided(1.0), lost])
+    rows = Page(report(tmp_path / 'r.html', bag)).table('what', 'why')
+    assert [row[2] for row in rows] == [
+        'no command yet: waiting for data: odom',
+        'RETURN TO BASE',
+        'no command: link lost: odom 4.0 s old',
+    ]
 
 
 def test_of_a_short_bag_there_is_a_report_too(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from uav_mission_manager.paths import share_directory
 
 SHARE = share_directory()
 SCHEMA_FILE = SHARE / 'config' / 'mission.schema.json'
-SHIPPED = sorted((SHARE / 'config').glob('case_*.yaml'))
+SHIPPED = [*sorted((SHARE / 'config').glob('case_*.yaml')), SHARE / 'config' / 'survey.yaml']
 TESTED = sorted((SHARE / 'test' / 'missions').glob('*.yaml'))
 VALIDATOR = jsonschema.Draft202012Validator(json.loads(SCHEMA_FILE.read_text()))
 

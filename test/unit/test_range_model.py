@@ -69,6 +69,15 @@ def test_full_charge_brings_back_what_it_can_reach() -> None:
     assert range_flags(ENERGY, 1.0, [flight_range(ENERGY, 1.0) + 1.0], [0], 0.2) == (0,)
 
 
+@pytest.mark.parametrize('share', [1.0, 0.7])
+def test_a_charger_that_stops_at_90_percent_brings_back_what_it_can_reach(share: float) -> None:
+    """As a message has 90 %, a little less."""
+    charge = 0.8999999761581421 * share
+    for percent in (60, 80, 89):
+        needed = [flight_range(ENERGY, percent / 100.0 * share)]
+        assert range_flags(ENERGY, charge, needed, [0], 0.2, share) == (1,)
+
+
 @given(charge=CHARGE, distances=DISTANCES)
 def test_without_margin_the_flag_is_the_papers_rule(charge: float, distances: list[float]) -> None:
     rule = tuple(int(flight_range(ENERGY, charge) >= d) for d in distances)

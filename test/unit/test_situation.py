@@ -232,6 +232,18 @@ def test_decide_refuses_without_fresh_inputs_and_resumes(policy: Policy) -> None
     assert command(decide(policy, at(0, now=14.2), 14.2, TIMEOUT)) == 'none normal'
 
 
+def test_what_was_never_heard_is_waited_for_and_not_lost(policy: Policy) -> None:
+    never = 'odom never received, fault_mode never received'
+    assert decide(policy, Situation(MISSION), 1.0, TIMEOUT) == Refusal(
+        f'waiting for data: battery_state never received, {never}'
+    )
+    heard = Situation(MISSION).with_battery(0.9, 1.0)
+    assert decide(policy, heard, 2.0, TIMEOUT) == Refusal(f'waiting for data: {never}')
+    assert decide(policy, heard, 9.0, TIMEOUT) == Refusal(
+        f'link lost: battery_state 8.0 s old, {never}'
+    )
+
+
 def test_threat_and_priorities_hold_their_last_value(policy: Policy) -> None:
     situation = at(0, now=1000.0, priorities=(2, 0, 0)).with_threat('high', 0.0)
     assert isinstance(decide(policy, situation, 1000.0, TIMEOUT), Decision)

@@ -17,6 +17,7 @@ from pymavlink import mavutil
 
 from uav_mission_manager.arguments import complete, version_line
 from uav_mission_manager.autopilot.link import read_port
+from uav_mission_manager.autopilot.simulator.battery import SMALL_PACK, Pack
 from uav_mission_manager.autopilot.simulator.flight import SimulatedFlight
 from uav_mission_manager.autopilot.simulator.frames import MOTOR_FRAMES
 from uav_mission_manager.autopilot.simulator.link import SimulatedLink
@@ -57,7 +58,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
     frame = MOTOR_FRAMES[options.frame]
-    flight = SimulatedFlight(options.origin, options.boot_seconds, options.seed, frame)
+    flight = SimulatedFlight(
+        options.origin, options.boot_seconds, options.seed, frame, options.battery
+    )
     flight.parameters['SIM_SPEEDUP'] = options.speedup
     place = ','.join(str(value) for value in astuple(options.origin))
     with flushed():
@@ -128,6 +131,13 @@ def _parser() -> argparse.ArgumentParser:
         '--frame', choices=MOTOR_FRAMES, default='quad', help='of motors (default: %(default)s)'
     )
     parser.add_argument(
+        '--battery',
+        type=_battery,
+        default=','.join(str(value) for value in astuple(SMALL_PACK)),
+        metavar='CELLS,AH,WATTS',
+        help='cells in series, capacity, and the power that hovering takes (default: %(default)s)',
+    )
+    parser.add_argument(
         '--camera', action='store_true', help='a camera is aboard, with heartbeats of its own'
     )
     parser.add_argument('--seed', type=int, default=0, help='of the motor noise and the gusts')
@@ -147,6 +157,17 @@ def _positive(text: str) -> float:
     if not (math.isfinite(value) and value > 0.0):
         raise argparse.ArgumentTypeError(f'{text} is not a positive number')
     return value
+
+
+def _battery(text: str) -> Pack:
+    try:
+        cells, capacity, power = text.split(',')
+        pack = Pack(int(cells), float(capacity), float(power))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'{text!r} is not CELLS,AH,WATTS') from None
+    if not all(0.0 < value < math.inf for value in astuple(pack)):
+        raise argparse.ArgumentTypeError(f'{text!r} is not three positive numbers')
+    return pack
 
 
 def _origin(text: str) -> SimulatedOrigin:

@@ -9,6 +9,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from uav_mission_manager.cli.bag_options import add_namespace
 from uav_mission_manager.cli.errors import CommandParser, one_line_errors
 from uav_mission_manager.cli.recorded_flight import replayed_steps
 from uav_mission_manager.cli.replay_view import print_replay
@@ -36,7 +37,7 @@ def main(args: list[str] | None = None) -> int:
         if options.json:
             print(json.dumps(answer, allow_nan=False))
         else:
-            print_replay(answer)
+            print_replay(answer, policy.space)
         return 0
 
 
@@ -51,9 +52,7 @@ def _parser() -> CommandParser:
     parser.add_argument(
         '--policy', required=True, metavar='DIR', help='directory of the policy set to decide by'
     )
-    parser.add_argument(
-        '--namespace', metavar='NAME', help='vehicle, such as /uav1; default: the only one'
-    )
+    add_namespace(parser)
     how = parser.add_mutually_exclusive_group()
     how.add_argument('--json', action='store_true', help='print JSON')
     how.add_argument(

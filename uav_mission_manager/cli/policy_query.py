@@ -84,7 +84,7 @@ def _answer(policy: Policy, state: list[int]) -> dict[str, Any]:
 def _print(policy: Policy, answer: dict[str, Any]) -> None:
     width = None if Console().is_terminal else 100
     console = Console(width=width, markup=False, emoji=False)  # Goals may be called [b] or :b:.
-    console.print('state ' + ' '.join(f'{name}={x}' for name, x in answer['state'].items()))
+    console.print(f'state {policy.space.text(tuple(answer["state"].values()))}')
     table = Table('number', 'action', 'Q', '', title=f'{policy.mission.name}, {policy.method}')
     marks = {answer['choice']: 'choice', answer['runner_up']: 'runner-up'}
     for action in answer['actions']:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from uav_mission_manager.echo import shown
+from uav_mission_manager.mdp import StateSpace
 
 MOST_SHOWN = 100
 """Differences that are shown: a choice; `--json` has all."""
@@ -13,8 +14,8 @@ DIGITS = 12
 """Of a digest that are shown, as in the manager's log."""
 
 
-def print_replay(answer: dict[str, Any]) -> None:
-    """Print what `mission_replay` found."""
+def print_replay(answer: dict[str, Any], space: StateSpace) -> None:
+    """Print what `mission_replay` found by a policy of a space of states."""
     policy, flown = answer['policy'], answer['flown_by']
     print(f'{shown(answer["bag"])}: {answer["seconds"]:.1f} s of {answer["mission"]}')
     names = [digest[:DIGITS] or 'a policy without files' for digest in flown]
@@ -22,32 +23,34 @@ def print_replay(answer: dict[str, Any]) -> None:
     print(f'replayed by {policy["digest"][:DIGITS]}, {policy["method"]}: {policy["directory"]}')
     differences = answer['differences']
     for difference in differences[:MOST_SHOWN]:
-        _print_difference(difference)
+        _print_difference(difference, space)
     if len(differences) > MOST_SHOWN:
         print(f'and {len(differences) - MOST_SHOWN:,} more differences, which --json has')
     _print_counts(answer)
 
 
-def _print_difference(difference: dict[str, Any]) -> None:
+def _print_difference(difference: dict[str, Any], space: StateSpace) -> None:
     recorded, replayed = difference['recorded'], difference['replayed']
     print(
         f'{difference["seconds"]:.2f} s to {difference["until"]:.2f} s, '
         f'{difference["decisions"]:,} decisions: {_command(recorded)} was commanded, '
         f'now {_command(replayed)}'
     )
-    print(f'    recorded {_reason(recorded, replayed)}')
-    print(f'    replayed {_reason(replayed, recorded)}')
+    print(f'    recorded {_reason(recorded, replayed, space)}')
+    print(f'    replayed {_reason(replayed, recorded, space)}')
 
 
 def _command(outcome: dict[str, Any]) -> str:
     return outcome.get('command', 'nothing')
 
 
-def _reason(outcome: dict[str, Any], other: dict[str, Any]) -> str:
+def _reason(outcome: dict[str, Any], other: dict[str, Any], space: StateSpace) -> str:
     """State and Q values behind an outcome, and of what the other one chose."""
     if 'refused' in outcome:
         return shown(outcome['refused'])
-    text = f'in {" ".join(map(str, outcome["state"]))}: {outcome["command"]} {_q(outcome)}'
+    state = outcome['state']
+    named = space.text(state) if len(state) == len(space.names) else ' '.join(map(str, state))
+    text = f'in {named}: {outcome["command"]} {_q(outcome)}'
     if outcome['margin'] is not None:
         text += f', margin {outcome["margin"]:.4g} to {outcome["runner_up_command"]}'
     if 'command' in other:

@@ -10,9 +10,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Generic, TypeVar
 
+import numpy as np
+
 from uav_mission_manager.drawing.places import Point
 from uav_mission_manager.drawing.trail import longer_trail
 from uav_mission_manager.echo import shown
+from uav_mission_manager.mdp import StateSpace
+from uav_mission_manager.mdp.states import StateView
 
 MOST_EPOCHS_KEPT = 1000
 """Epochs of the timeline, at most: a choice, two hours and more of a flight."""
@@ -25,6 +29,9 @@ T_co = TypeVar('T_co', covariant=True)
 
 SHORTEST_STATE = 7
 """Variables of the state of a mission with one goal."""
+
+CHARGE_LEVEL, IN_RANGE = 'charge level', ' in range'
+"""Names of values of a decision: of the level b, and what ends that of each goal's range flag."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +71,10 @@ class HeardDecision:
         Of the policy set.
     refused_goals : str
     reason : str
+    levels : int
+        Of the charge b in the state; 1 where it has range flags.
+    in_range : tuple of int
+        Range flag of each goal; empty where it is not told.
     """
 
     reason: str
@@ -76,6 +87,18 @@ class HeardDecision:
     margin: float = math.inf
     lower_bound: float = math.nan
     upper_bound: float = math.inf
+    levels: int = 1
+    in_range: tuple[int, ...] = ()
+
+    @property
+    def space(self) -> StateSpace:
+        """The variables of its state; how many cells there are is not known."""
+        return StateSpace.of_length(len(self.state), self.levels)
+
+    @property
+    def named(self) -> StateView:
+        """The variables of its state by name."""
+        return self.space.split(np.array(self.state))
 
 
 @dataclass(frozen=True)
@@ -119,8 +142,17 @@ class HeardEpoch:
 
     number: int
     time_of_day: str
-    state: tuple[int, ...]
-    command: str
+    decision: HeardDecision
+
+    @property
+    def state(self) -> tuple[int, ...]:
+        """In which it was decided."""
+        return self.decision.state
+
+    @property
+    def command(self) -> str:
+        """What was commanded."""
+        return self.decision.command
 
 
 @dataclass(frozen=True)
@@ -160,7 +192,7 @@ class Heard:
         if last and (last.state, last.command) == (decision.state, decision.command):
             return heard
         number = last.number + 1 if last else 1
-        epoch = HeardEpoch(number, time_of_day, decision.state, decision.command)
+        epoch = HeardEpoch(number, time_of_day, decision)
         heard = replace(heard, epochs=(*heard.epochs, epoch)[-MOST_EPOCHS_KEPT:])
         if last and last.command == decision.command:
             return heard
@@ -220,8 +252,12 @@ def decision_from(message: str, values: Mapping[str, str]) -> HeardDecision:
         If a number in it is none, or the state no state.
     """
     state = tuple(map(int, values.get('state', '').split()))
-    if state and not (len(state) >= SHORTEST_STATE and state[-2] in range(3)):
+    levels = 1 + int(values.get(CHARGE_LEVEL, '0').split()[-1])
+    space = StateSpace.of_length(len(state), levels)
+    is_one = len(state) >= SHORTEST_STATE and state[-2] in range(3)
+    if state and not (is_one and len(state) == len(space.names)):
         raise ValueError(f'state {state} is not f, r or b, g of each goal, l, c, t, m')
+    told = tuple(int(v == 'yes') for name, v in values.items() if name.endswith(IN_RANGE))
     runner_up = values.get('runner_up', 'none')
     return HeardDecision(
         reason=shown(message, 400),
@@ -234,6 +270,8 @@ def decision_from(message: str, values: Mapping[str, str]) -> HeardDecision:
         margin=float(values.get('margin', 'inf')),
         lower_bound=float(values.get('lower_bound', 'nan')),
         upper_bound=float(values.get('upper_bound', 'inf')),
+        levels=levels,
+        in_range=told if levels > 1 else state[1 : 1 + space.k],
     )
 
 

@@ -24,7 +24,7 @@ from uav_mission_manager.console.playback import Playback
 from uav_mission_manager.console.playback_bar import PlaybackBar
 from uav_mission_manager.console.style import PAGE_STYLE
 from uav_mission_manager.console.timeline import block_svg, blocks, row_names
-from uav_mission_manager.mdp import Mission
+from uav_mission_manager.mdp import Mission, StateSpace
 
 LOOK_PERIOD = 0.1
 """Time [s] between two looks at the fleet: a choice, half of what an eye may wait for."""
@@ -209,9 +209,9 @@ class VehiclePage:
 
     def _show_time(self, heard: Heard, mission: Mission | None) -> None:
         """Draw the blocks of the timeline that have changed."""
-        others = self._others
+        space, others = StateSpace.of(mission) if mission else StateSpace(0, 1), self._others
         goals = [goal.name for goal in mission.goals] if mission else ()
-        names = row_names(goals, others is not None)
+        names = row_names(goals, space.levels, others is not None)
         self._names.content = '\n'.join(names)
         found = blocks(heard.epochs)
         while len(self._blocks) > len(found):
@@ -225,7 +225,7 @@ class VehiclePage:
             key = id(block[0]), id(block[-1])
             if self._drawn[position] != key:
                 self._drawn[position] = key
-                self._blocks[position].content = block_svg(block, mission, others=others)
+                self._blocks[position].content = block_svg(block, space, others, mission)
 
 
 def _html(classes: str = '') -> ui.html:

@@ -13,7 +13,6 @@ import numpy as np
 from uav_mission_manager.console.heard import HeardEpoch
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, Mission, StateSpace
-from uav_mission_manager.mdp.charge import RangeFlags
 from uav_mission_manager.onboard import parse_command
 
 BLOCK = 50
@@ -50,13 +49,15 @@ TIMELINE_STYLE = f"""
 """
 
 
-def row_names(goals: Sequence[str], other: bool = False) -> tuple[str, ...]:
+def row_names(goals: Sequence[str], levels: int = 1, other: bool = False) -> tuple[str, ...]:
     """Names of the rows, top down, below the one with the numbers of the epochs.
 
-    With `other` there is a row for what another policy would have done.
+    With several `levels` of the charge it has a row, too, and with `other` there is one for what
+    another policy would have done.
     """
     wanted = tuple(f'{shown(goal, 16)}' for goal in goals[:MOST_GOAL_ROWS])
-    rows = *wanted, 'commitment', 'cell', 'threat', 'agile', 'fault'
+    charge = ('charge',) if levels > 1 else ()
+    rows = *wanted, *charge, 'commitment', 'cell', 'threat', 'agile', 'fault'
     return (*rows, 'other policy') if other else rows
 
 
@@ -70,22 +71,23 @@ def blocks(epochs: Sequence[HeardEpoch]) -> list[Sequence[HeardEpoch]]:
 
 def block_svg(
     epochs: Sequence[HeardEpoch],
-    mission: Mission | None,
-    goals: int = 0,
+    space: StateSpace,
     others: Mapping[int, str] | None = None,
+    mission: Mission | None = None,
 ) -> str:
     """Return a block as one `svg` element.
 
     Parameters
     ----------
     epochs : sequence of HeardEpoch
-    mission : Mission or None
-    goals : int
-        How many there are where the mission is not known.
+    space : StateSpace
+        Of their states.
     others : mapping, optional
         Commands of another policy by the numbers of the epochs in which it decides otherwise.
+    mission : Mission, optional
+        Tells the numbers of the goals in these commands.
     """
-    rows = [*_rows(epochs, mission, goals)]
+    rows = [*_rows(epochs, space)]
     if others is not None:
         rows.append([_other_cell(others.get(epoch.number), mission) for epoch in epochs])
     width, height = COLUMN_WIDTH * len(epochs), ROW_HEIGHT * (len(rows) + 1)
@@ -106,7 +108,8 @@ def _heads(epochs: Sequence[HeardEpoch], height: int, others: Mapping[int, str])
     """Numbers of the epochs, each with all that is known of it as a tooltip."""
     for column, epoch in enumerate(epochs):
         x = COLUMN_WIDTH * column
-        state = ' '.join(map(str, epoch.state)) or 'not known'
+        decision = epoch.decision
+        state = decision.space.text(decision.state) if decision.state else 'not known'
         title = f'{epoch.time_of_day}  {shown(epoch.command) or "no command"}  state {state}'
         if epoch.number in others:
             title += f'  other policy: {shown(others[epoch.number]) or "no command"}'
@@ -121,17 +124,16 @@ Cell = tuple[str, str]
 """Text and class of a cell of the timeline; an empty class is not coloured."""
 
 
-def _rows(
-    epochs: Sequence[HeardEpoch], mission: Mission | None, goals: int
-) -> Iterator[list[Cell]]:
+def _rows(epochs: Sequence[HeardEpoch], space: StateSpace) -> Iterator[list[Cell]]:
     """Yield the cells of each row; empty where nothing was decided."""
-    space = StateSpace.of(mission) if mission else StateSpace(goals, 1)
     states = [each.state if len(each.state) == len(space.names) else () for each in epochs]
     views = [space.split(np.array(state)) if state else None for state in states]
-    flags = RangeFlags(mission) if mission else None
-    known = [(s.g.tolist(), (flags(s) if flags else s.r).tolist()) if s else None for s in views]
+    told = [each.decision.in_range or (1,) * space.k for each in epochs]
+    known = [(s.g.tolist(), flags) if s else None for s, flags in zip(views, told)]
     for j in range(min(space.k, MOST_GOAL_ROWS)):
         yield [_goal_cell((here[0][j], here[1][j]) if here else None) for here in known]
+    if space.levels > 1:
+        yield [(str(s.b[0]), '') if s else ('', '') for s in views]
     yield [
         ('silent', 'none-1') if not epoch.command else _commitment(state)
         for epoch, state in zip(epochs, states)

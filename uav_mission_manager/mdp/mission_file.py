@@ -52,16 +52,21 @@ def load_mission(path: str | Path) -> Mission:
     MissionError
         If the file cannot be read, is not YAML or holds a bad, missing or unknown field.
     """
-    try:
-        text = file_content(Path(path), MAX_FILE_BYTES).decode()
-    except (OSError, ValueError) as error:
-        raise MissionError(f'{shown(path)}: cannot be read: {why_not(error)}') from error
+    text = mission_file_text(path)
     try:
         data = read_yaml(text)
     except (yaml.YAMLError, RecursionError) as error:
         problem = shown(' '.join(str(error).replace('"<unicode string>", ', '').split()))
         raise MissionError(f'{shown(path)}: not valid YAML: {problem}') from error
     return mission_from_dict(data, str(path))
+
+
+def mission_file_text(path: str | Path) -> str:
+    """Return what a mission file says, unread. Raises `MissionError`."""
+    try:
+        return file_content(Path(path), MAX_FILE_BYTES).decode()
+    except (OSError, ValueError) as error:
+        raise MissionError(f'{shown(path)}: cannot be read: {why_not(error)}') from error
 
 
 def mission_from_dict(data: Any, source: str) -> Mission:
@@ -77,21 +82,17 @@ def mission_from_dict(data: Any, source: str) -> Mission:
     energy = root.below('energy', _energy)
     epoch = Epoch(grid.cell_size, energy.speed if energy else None)
     cost = _cost(root, epoch)
-    faults = root.below('faults', lambda section: _faults(section, epoch, cost))
-    goals = _goals(root, grid, epoch, cost, faults.completion)
     return Mission(
         name=root.get('name'),
         discount=_either(root, 'discount', 'horizon', lambda mean: _discount(mean, epoch)),
         feasibility=root.get('feasibility', _feasibility(source)),
         grid=grid,
-        goals=goals,
-        faults=faults,
+        faults=(faults := root.below('faults', lambda section: _faults(section, epoch, cost))),
+        goals=(goals := _goals(root, grid, epoch, cost, faults.completion)),
         range=root.below('range', lambda section: _range(section, grid, energy, cost)),
         threat=root.below('threat', lambda section: _threat(section, grid, epoch, cost)),
         distance_weight=root.get('distance_weight', cost),
-        service_cost=root.below(
-            'service_cost', lambda section: ServiceCost(**_all(section, cost))
-        ),
+        service_cost=root.below('service_cost', lambda section: ServiceCost(**section.all(cost))),
         energy=energy,
         areas=root.below('areas', lambda section: _areas(section, grid)) or Areas(),
         fleet=root.below('fleet', lambda section: _fleet(section, goals)),
@@ -160,19 +161,14 @@ def _grid(section: Section) -> Grid:
         base=section.get('base', _cell(size)),
         service=section.get('service', _cell(size)),
         cell_size=section.get('cell_size'),
-        origin=section.below('origin', lambda origin: Origin(**_all(origin))),
+        origin=section.below('origin', lambda origin: Origin(**origin.all())),
         elevation=section.cells('elevation', _cell_key(size)),
         bearing=section.get('bearing'),
     )
 
 
-def _all(section: Section, then: Callable[[Any], Any] = as_given) -> dict[str, Any]:
-    """Return every field of a section of plain values."""
-    return {row.key: section.get(row.key, then) for row in section.table.rows}
-
-
 def _energy(section: Section) -> Energy:
-    return Energy(**_all(section))
+    return Energy(**section.all())
 
 
 def _areas(section: Section, grid: Grid) -> Areas:
@@ -197,7 +193,7 @@ def _areas(section: Section, grid: Grid) -> Areas:
 
 def _fleet(section: Section, goals: tuple[Goal, ...]) -> FleetRules:
     try:
-        weights = section.below('weights', lambda weights: PriorityWeights(**_all(weights)))
+        weights = section.below('weights', lambda weights: PriorityWeights(**weights.all()))
         plain = {r.key: section.get(r.key) for r in section.table.rows if r.key != 'weights'}
         rules = FleetRules(weights, **plain)
         rules.limits([goal.name for goal in goals])
@@ -251,7 +247,7 @@ def _priorities(section: Section, epoch: Epoch) -> Matrix | None:
     """Return the priorities' transitions that the mission or one goal gives, in either way."""
     if 'requests_per_hour' not in section:
         return section.get('priority_transition')
-    rates = section.below('requests_per_hour', _all)
+    rates = section.below('requests_per_hour', Section.all)
     to = {
         0: (0.0, rates['low'], rates['high']),
         1: (rates['withdrawn'], 0.0, rates['raised']),
@@ -306,7 +302,7 @@ def _range(
 def _charge(section: Section, grid: Grid, energy: Energy, cost: Callable[[Any], Any]) -> Charge:
     levels = section.get('levels')
     if 'drain' in section:
-        drain = section.below('drain', lambda modes: Drain(**_all(modes)))
+        drain = section.below('drain', lambda modes: Drain(**modes.all()))
     else:
         try:
             drain = drain_by_energy(energy, grid.cell_size, levels, section.get('noise'))

@@ -6,15 +6,13 @@ import math
 from typing import Any
 
 from uav_mission_manager.mdp import fields
+from uav_mission_manager.mdp.battery_tables import ENERGY_TABLE, RANGE_TABLE
 from uav_mission_manager.mdp.fields import Check
 from uav_mission_manager.mdp.goal_tasks import TASK_TABLE
 from uav_mission_manager.mdp.tables import Cells, Entries, Field, Table
 
 MAX_CELLS = 1_000_000
 """Cells of a grid at most: a choice; one goal on so many takes a minute and gigabytes."""
-
-MAX_LEVELS = 1000
-"""Levels of a charge at most: a choice, finer than any gauge."""
 
 _SIDE = fields.integer(1, MAX_CELLS)
 _CELL: Check[Any] = Check(lambda value: value, fields.integer(0, MAX_CELLS - 1).schema)
@@ -32,10 +30,6 @@ def _parts(check: Check[float]) -> Table:
     return Table(
         tuple(Field(part, check, f'of the {part}') for part in ('sensor', 'actuator', 'camera'))
     )
-
-
-def _modes(check: Check[Any]) -> Table:
-    return Table(tuple(Field(mode, check, f'in {mode} flight') for mode in ('normal', 'agile')))
 
 
 _ORIGIN = Table(
@@ -183,65 +177,6 @@ _FAULTS = Table(
     ),
 )
 
-_DRAIN_ROW = fields.distribution_of(MAX_LEVELS)
-
-_CHARGE = Table(
-    (
-        Field('levels', fields.integer(2, MAX_LEVELS), 'of the state of charge', 16),
-        Field('reserve', fields.probability, 'state of charge that counts for no range [1]', 0.1),
-        Field(
-            'noise',
-            fields.probability,
-            'by how much an epoch of flight may take less or more energy, with probability 1/4 '
-            'each [1]',
-            0.2,
-        ),
-        Field(
-            'drain',
-            _modes(_DRAIN_ROW),
-            'in place of noise: probabilities that an epoch of flight drains 0, 1, .. levels [1]',
-        ),
-        Field(
-            'rate',
-            fields.integer(1, MAX_LEVELS),
-            'levels that an epoch of recharging adds; without, it is full at once',
-            None,
-        ),
-        Field(
-            'empty_cost',
-            fields.non_negative,
-            'of flying on an empty battery, besides [cost, see costs_per]',
-        ),
-    ),
-    ((('noise',), ('drain',)),),
-)
-
-_RANGE = Table(
-    (
-        Field(
-            'loss',
-            _modes(fields.probability),
-            'probability that a goal falls out of range in an epoch of flight [1]',
-        ),
-        Field(
-            'lasts',
-            _modes(fields.positive),
-            'in place of loss: mean time of flight until a goal falls out of range [s]',
-        ),
-        Field(
-            'charge',
-            _CHARGE,
-            'in place of loss: one battery, whose charge tells what is in range; needs energy',
-        ),
-        Field(
-            'cost',
-            fields.non_negative,
-            'with all goals out of range, shared over them [cost, see costs_per]',
-        ),
-    ),
-    ((('loss',), ('lasts',), ('charge',)),),
-)
-
 _LASTS = Table(
     (
         Field('low', fields.positive, 'mean time for which a threat stays low [s]'),
@@ -292,21 +227,6 @@ _SERVICE_COST = Table(
     (
         Field('recharge', fields.non_negative, '[cost, see costs_per]', 0.0),
         Field('repair', fields.non_negative, '[cost, see costs_per]', 0.0),
-    )
-)
-
-_ENERGY = Table(
-    (
-        Field('capacity', fields.positive, 'of the battery [Ah]'),
-        Field('voltage', fields.positive, 'of the battery [V]'),
-        Field('power', fields.positive, 'drawn in flight [W]'),
-        Field('speed', fields.positive, 'cruise speed; with cell_size it tells an epoch [m/s]'),
-        Field('wind', fields.non_negative, 'worst wind [m/s]'),
-        Field('wind_penalty', fields.non_negative, 'range lost to wind [m/(m/s)]'),
-        Field('payload', fields.non_negative, 'mass [kg]'),
-        Field('payload_penalty', fields.non_negative, 'range lost to it [m/kg]'),
-        Field('agile_power', fields.positive, 'drawn in agile flight; without, power [W]', None),
-        Field('agile_speed', fields.positive, 'in agile flight; without, speed [m/s]', None),
     )
 )
 
@@ -385,7 +305,7 @@ MISSION_TABLE = Table(
         Field('goals', Entries(_GOAL), 'what the mission is for'),
         *_PRIORITIES,
         Field('faults', _FAULTS, 'failures and what they do'),
-        Field('range', _RANGE, 'goals that fall out of range'),
+        Field('range', RANGE_TABLE, 'goals that fall out of range'),
         Field('threat', _THREAT, 'threats'),
         Field(
             'distance_weight',
@@ -393,7 +313,7 @@ MISSION_TABLE = Table(
             'per cell width from the vehicle to its destination [cost, see costs_per]',
         ),
         Field('service_cost', _SERVICE_COST, 'at the service cell', {}),
-        Field('energy', _ENERGY, 'range model, needed on board and for physical units', None),
+        Field('energy', ENERGY_TABLE, 'range model, needed on board and for physical units', None),
         Field('areas', _AREAS, 'no part of the decision process; needs grid.origin', None),
         Field(
             'fleet',

@@ -7,6 +7,7 @@ Where the mission has a charge, its level b is in place of the k range flags, wh
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -67,6 +68,11 @@ class StateSpace:
         """Return the states of a mission."""
         return cls(mission.k, mission.grid.q, len(mission.threat.levels), mission.range.levels)
 
+    @classmethod
+    def of_length(cls, variables: int, levels: int = 1) -> StateSpace:
+        """Return the states of so many variables; of how many cells is not known, 1 is said."""
+        return cls((variables - 5) // 2 if levels == 1 else variables - 6, 1, levels=levels)
+
     @property
     def ranges(self) -> tuple[int, ...]:
         """Number of values of each variable that tells range: k flags, or one charge."""
@@ -88,6 +94,10 @@ class StateSpace:
         numbers = range(1, self.k + 1)
         flags, priorities = (tuple(f'{letter}{j}' for j in numbers) for letter in 'rg')
         return ('f', *(flags if self.levels == 1 else 'b'), *priorities, 'l', 'c', 't', 'm')
+
+    def text(self, state: Sequence[int]) -> str:
+        """Write a state with its names, as f=1 b=15 g1=2 l=5 c=1 t=0 m=0."""
+        return ' '.join(f'{name}={x}' for name, x in zip(self.names, state, strict=True))
 
     @property
     def size(self) -> int:

@@ -124,6 +124,10 @@ class Section:
         field = f'{self.place}.{shown(key)}'.strip('.') or 'mission'
         raise MissionError(f'{shown(self.source)}: {field}: {problem}')
 
+    def all(self, then: Callable[[Any], Any] = as_given) -> dict[str, Any]:
+        """Return every field of a section of plain values, see `get`."""
+        return {row.key: self.get(row.key, then) for row in self.table.rows}
+
     def get(self, key: str, then: Callable[[Any], Any] = as_given) -> Any:
         """Return the checked value of a field, or its default.
 

@@ -10,7 +10,7 @@ from std_msgs.msg import String, UInt8MultiArray
 from uav_mission_manager.mdp import load_mission
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.clocks import safety_clock
-from uav_mission_manager.nodes.memory import STATE_DIR, open_journal, recorded_state
+from uav_mission_manager.nodes.memory import STATE_DIR, open_journal, state_before
 from uav_mission_manager.nodes.parameters import NodeParameter, declare
 from uav_mission_manager.nodes.presence import LISTENING, Presence
 from uav_mission_manager.nodes.priority_parameter import (
@@ -59,7 +59,7 @@ class BaseStation(Node):
             qos.EVENT,
             qos_overriding_options=qos.OVERRIDABLE,
         )
-        memory, trouble = recorded_state(self._journal)
+        memory, trouble = state_before(self._journal)
         if trouble:
             self.get_logger().warning(f'{trouble}; not used: nothing was asked for')
         self._request = PriorityRequest(self._goals, memory)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -22,6 +23,10 @@ by default and more than a busy machine delays a look."""
 FASTEST_SIMULATION = 100.0
 """How much faster than the real one simulated time may run: a choice; beyond it is a jump."""
 
+LONGEST_STEP = 3.0
+"""Time [s] between two looks up to which a node was at work: a choice, above the period of its
+slowest timer."""
+
 TOLD_TIME = 60.0
 """Time [s] for which a jump is told: a choice, for a person to see it."""
 
@@ -34,6 +39,28 @@ def safety_clock() -> Clock:
 def seconds(clock: Clock) -> float:
     """Return the time of a clock [s]."""
     return float(clock.now().nanoseconds) * 1e-9
+
+
+class WorkingTime:
+    """The time [s] in which a node was at work, to tell who is late by.
+
+    A node that stood still heard nobody: of a pause between two looks `LONGEST_STEP` counts.
+
+    Parameters
+    ----------
+    clock : callable
+        Returns the time [s] of a clock that never goes back.
+    """
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock, self._last, self._missed = clock, clock(), 0.0
+
+    def __call__(self) -> float:
+        """Return it; to be asked more often than `LONGEST_STEP`."""
+        now = self._clock()
+        self._missed += max(now - self._last - LONGEST_STEP, 0.0)
+        self._last = now
+        return now - self._missed
 
 
 class ClockComparison:

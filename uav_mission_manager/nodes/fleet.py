@@ -13,11 +13,11 @@ from uav_mission_manager.echo import quoted
 from uav_mission_manager.fleet import FleetDispatcher, FleetRole, FleetSettings, VehicleShare
 from uav_mission_manager.mdp import StateSpace, load_mission
 from uav_mission_manager.nodes import qos
-from uav_mission_manager.nodes.clocks import safety_clock, seconds
+from uav_mission_manager.nodes.clocks import WorkingTime, safety_clock, seconds
 from uav_mission_manager.nodes.command_outputs import NO_PUBLISHER_EVENTS
 from uav_mission_manager.nodes.fleet_inputs import FleetInputs
 from uav_mission_manager.nodes.lifecycle import AUTOSTART, ManagedNode
-from uav_mission_manager.nodes.memory import STATE_DIR, open_journal, recorded_state
+from uav_mission_manager.nodes.memory import STATE_DIR, open_journal, state_before
 from uav_mission_manager.nodes.parameters import NodeParameter, declare
 from uav_mission_manager.nodes.presence import LISTENING, Presence
 from uav_mission_manager.nodes.priority_parameter import (
@@ -33,7 +33,7 @@ from uav_mission_manager.policy import load_policy
 from uav_mission_manager.solver.recombination import FleetPlanner
 from uav_mission_manager.solver.recombination.fleet import ASSIGNMENTS
 
-DEFAULT_RULES = FleetSettings()
+FLEET_DEFAULTS = FleetSettings()
 """Defaults of the parameters."""
 
 PARAMETERS = (
@@ -51,12 +51,12 @@ PARAMETERS = (
     ),
     NodeParameter(
         'assignment',
-        DEFAULT_RULES.assignment,
+        FLEET_DEFAULTS.assignment,
         f'How goals are shared out: {", ".join(ASSIGNMENTS)}',
     ),
     NodeParameter(
         'lost_after',
-        DEFAULT_RULES.lost_after,
+        FLEET_DEFAULTS.lost_after,
         'Time for which a vehicle that is not heard, or does not obey its manager, keeps its goal '
         '[s]',
         3.0,
@@ -65,7 +65,7 @@ PARAMETERS = (
     ),
     NodeParameter(
         'separation',
-        DEFAULT_RULES.separation,
+        FLEET_DEFAULTS.separation,
         "Least difference of two vehicles' flight_altitude [m]; who flies nearer to one before it "
         'is given no goal',
         0.0,
@@ -121,14 +121,15 @@ class FleetStation(ManagedNode):
         """Go on where the one before ended, and begin to listen."""
         p, mission = self._settings, self._planner.mission
         self._journal = open_journal(self, p.state_dir, 'fleet', mission)
-        memory, trouble = recorded_state(self._journal)
+        memory, trouble = state_before(self._journal)
         if memory is not None and not self._fits(memory):
             memory, trouble = None, f'{self._journal.path}: of a mission with other variables'
         if trouble:
             self.get_logger().warning(f'{trouble}; not used: nothing was asked for')
+        self._time = WorkingTime(lambda: seconds(self._steady))
         self._dispatcher = FleetDispatcher(
             *(self._planner, self._vehicles, self._fleet_settings),
-            *(seconds(self._steady), memory),
+            *(self._time(), memory),
         )
         self._told: tuple[VehicleShare, ...] = ()
         self._requests = {
@@ -147,7 +148,7 @@ class FleetStation(ManagedNode):
             )
             for topic, profile in (('~/decision', qos.LATCHED), ('/diagnostics', qos.RELIABLE))
         )
-        self._inputs = FleetInputs(self, self._dispatcher, self._digest, self._step)
+        self._inputs = FleetInputs(self, self._dispatcher, self._digest, self._time, self._step)
         self._presences = [
             Presence(self, 'base_station', p.listening_time, vehicle) for vehicle in self._vehicles
         ]
@@ -186,7 +187,7 @@ class FleetStation(ManagedNode):
         """Decide, and tell the vehicles that are asked for something new, once that is safe."""
         if any(presence.silent for presence in self._presences):
             return
-        asked = self._dispatcher.step(seconds(self._steady), new_request_id)
+        asked = self._dispatcher.step(self._time(), new_request_id)
         if asked:
             self._publish(asked)
         if self._dispatcher.decision.shares != self._told:
@@ -237,6 +238,7 @@ class FleetStation(ManagedNode):
         return DiagnosticArray(header=header, status=statuses)
 
     def _diagnose(self) -> None:
+        self._time()
         name, wish = self.get_fully_qualified_name(), self._dispatcher.wish
         complaints, decision = self._inputs.complaints, self._dispatcher.decision
         memory = self._journal.error if self._journal else ''

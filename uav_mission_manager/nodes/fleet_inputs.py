@@ -22,7 +22,6 @@ from uav_mission_manager.echo import shown
 from uav_mission_manager.fleet import FleetDispatcher
 from uav_mission_manager.mdp import StateSpace
 from uav_mission_manager.nodes import qos
-from uav_mission_manager.nodes.clocks import safety_clock, seconds
 from uav_mission_manager.nodes.complaints import Complaints
 from uav_mission_manager.nodes.vehicle_inputs import NO_EVENTS
 
@@ -40,17 +39,23 @@ class FleetInputs:
         Has the reports.
     digest : str
         Of the policy set that all managers shall use; '' for any.
+    time : callable
+        Returns the time [s] that reports are of.
     changed : callable
         Is called after each change.
     """
 
     def __init__(
-        self, node: Node, dispatcher: FleetDispatcher, digest: str, changed: Callable[[], None]
+        self,
+        node: Node,
+        dispatcher: FleetDispatcher,
+        digest: str,
+        time: Callable[[], float],
+        changed: Callable[[], None],
     ) -> None:
         self._node, self._dispatcher, self._digest = node, dispatcher, digest
-        self._changed = changed
+        self._time, self._changed = time, changed
         self._space = StateSpace.of(dispatcher.mission)
-        self._clock = safety_clock()
         self._complaints = Complaints(lambda text: node.get_logger().warning(text))
         for vehicle in dispatcher.reports:
             self._hear(vehicle, DECISION_TOPIC, DiagnosticArray, qos.LATCHED, self._on_decision)
@@ -98,7 +103,7 @@ class FleetInputs:
 
     def _note_decision(self, vehicle: str, state: tuple[int, ...], reason: str) -> None:
         reports = self._dispatcher.reports
-        now = seconds(self._clock)
+        now = self._time()
         reports[vehicle] = reports[vehicle].with_decision(state, reason, now)
         self._changed()
 
@@ -113,7 +118,7 @@ class FleetInputs:
             self._changed()
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        reports, now = self._dispatcher.reports, seconds(self._clock)
+        reports, now = self._dispatcher.reports, self._time()
         for vehicle, status in bridge_reports(message):
             if vehicle in reports:
                 values = _values(status)

@@ -12,6 +12,7 @@ from std_msgs.msg import String, UInt8MultiArray
 from uav_mission_manager.autopilot.pilot import Pilot
 from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.frames import MAP_FRAME
+from uav_mission_manager.mdp import Action
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.clocks import safety_clock, seconds
 from uav_mission_manager.nodes.complaints import Complaints
@@ -49,6 +50,7 @@ class ManagerInputs:
         self._complaints = Complaints(lambda text: node.get_logger().error(text))
         self._complained_at: dict[str, float] = {}
         self.command = self._received = self._pose_trouble = ''
+        self.action: Action | None = None
         self._pose_cell: int | None = None
         self._posed_at = self._commanded_at = self._goals_at = -math.inf
         # The manager publishes goals and pose before the command. Where all have arrived, the
@@ -121,7 +123,7 @@ class ManagerInputs:
         posed = not self._old(self._posed_at, now)
         if self._pose_cell == action.destination if posed else repeated:
             self._complaints.settle('mission_command')
-            self.command, self._commanded_at = message.data, now
+            self.command, self.action, self._commanded_at = message.data, action, now
             self._pilot.command(plan.task(action, message.data), now)
         elif repeated:  # Else the pose may still be on its way.
             self._complain(

@@ -23,6 +23,7 @@ from uav_mission_manager.mdp import load_mission
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.clocks import ClockWatch, safety_clock, seconds
 from uav_mission_manager.nodes.failures import one_line
+from uav_mission_manager.nodes.flight_energy import FlightEnergy
 from uav_mission_manager.nodes.flight_plan import FlightPlan, Plans, speed_differences
 from uav_mission_manager.nodes.goal_answers import GoalAnswers
 from uav_mission_manager.nodes.lifecycle import AUTOSTART, FAILURE, ManagedNode
@@ -163,6 +164,7 @@ class MavlinkBridge(ManagedNode):
         self._bridge = VehicleBridge(link, pilot, FaultEstimator(p.effectiveness_threshold))
         self._journal = open_journal(self, p.state_dir, 'mavlink_bridge', self._mission)
         self._opened.callback(self._journal.close)
+        self._energy = FlightEnergy(self._mission.energy)
         self._recall()
         self._clock_watch = ClockWatch(self)
         self._presence = Presence(self, 'mavlink_bridge', p.listening_time)
@@ -277,7 +279,10 @@ class MavlinkBridge(ManagedNode):
         for warning, text in step.log:
             self._log(warning, text)
         if self.active:
-            self._outputs.publish(step, self._bridge.telemetry.fix_type, now)
+            telemetry = self._bridge.telemetry
+            self._outputs.publish(step, telemetry.fix_type, now)
+            for text in self._energy.note(step, telemetry, self._inputs.action):
+                self._log(True, text)
 
     def _log(self, warning: bool, text: str) -> None:
         line = self._limit.passed(text.partition(':')[0], text)
@@ -292,7 +297,12 @@ class MavlinkBridge(ManagedNode):
             return
         link, output = self._bridge.link, self._bridge.output
         troubles = self._clock_watch.problem, self._journal.error
-        warnings = *self._inputs.complaints, *self._bridge.warnings, *filter(None, troubles)
+        warnings = (
+            *self._inputs.complaints,
+            *self._bridge.warnings,
+            *self._energy.warnings,
+            *filter(None, troubles),
+        )
         level = DiagnosticStatus.WARN
         if not link.up:
             level = DiagnosticStatus.ERROR

@@ -72,7 +72,7 @@ def open_journal(node: Node, state_dir: str, kind: str, mission: Mission) -> Jou
         raise ValueError(f'parameter state_dir: {said_by(error)}') from error
 
 
-def recorded_state(journal: Journal) -> tuple[dict[str, Any] | None, str]:
+def state_before(journal: Journal) -> tuple[dict[str, Any] | None, str]:
     """Return the state that the node before this one wrote down, and why it is not used.
 
     None where there is none, or it is damaged or of another mission; '' where that is no trouble.

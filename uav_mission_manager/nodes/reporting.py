@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Header
 
+from uav_mission_manager.console.heard import CHARGE_LEVEL, IN_RANGE
 from uav_mission_manager.echo import shown
 from uav_mission_manager.frames import MAP_FRAME
 from uav_mission_manager.mdp import (
@@ -25,6 +26,7 @@ from uav_mission_manager.mdp import (
 from uav_mission_manager.mdp.charge import RangeFlags
 from uav_mission_manager.mdp.range_model import flight_range
 from uav_mission_manager.onboard import Refusal, Situation, format_command
+from uav_mission_manager.onboard.inputs import silence
 from uav_mission_manager.policy import Decision, Policy
 
 LONGEST_TEXT = 2000
@@ -94,11 +96,11 @@ def state_in_words(mission: Mission, state: Sequence[int]) -> dict[str, str]:
     goals = [goal.name for goal in mission.goals]
     flags, charge = RangeFlags(mission)(s), dict[str, str]()
     if mission.range.charge is not None:
-        charge['charge level'] = f'{s.b[0]} of 0 to {mission.range.levels - 1}'
+        charge[CHARGE_LEVEL] = f'{s.b[0]} of 0 to {mission.range.levels - 1}'
     return {
         'fault mode': FAULT_MODES[s.f - 1],
         **charge,
-        **{f'{goal} in range': 'yes' if r else 'no' for goal, r in zip(goals, flags)},
+        **{f'{goal}{IN_RANGE}': 'yes' if r else 'no' for goal, r in zip(goals, flags)},
         **{f'{goal} priority': PRIORITY_LEVELS[g] for goal, g in zip(goals, s.g)},
         'cell': f'{s.l}, column {col} and row {row} from 0',
         'committed to': goals[s.c - 1] if s.c else 'no goal',
@@ -178,8 +180,8 @@ def manager_health(
         if ages.get(topic, 0.0) > timeout
     ]
     level, link = ok, 'all inputs fresh'
-    if missing := situation.missing(now, timeout):
-        level, link = error, 'link lost: ' + ', '.join(missing)
+    if why := silence(ages, timeout):
+        level, link = error, why
     elif isinstance(outcome, Refusal):  # Before anything is asked for, this is as it should be.
         level, link = error if 'goal_priorities' in situation.known else warn, outcome.reason
     details = {topic: f'{age:.2f} s' for topic, age in ages.items()}

@@ -142,8 +142,8 @@ class Battery:
         Simulators fly missions for batteries of four cells with three. Such a one is taken for
         what it is until it shows a voltage that three cells cannot have, or four empty ones have.
         """
-        cells = _cells(energy)
-        return energy.voltage * (cells if self.whole else cells - 1) / cells
+        count = cells(energy)
+        return energy.voltage * (count if self.whole else count - 1) / count
 
     def stands_still(self, energy: Energy) -> bool:
         """Whether the percentage has not changed for long, though current flows."""
@@ -228,14 +228,15 @@ class Batteries:
         return tuple(lines)
 
 
-def _cells(energy: Energy) -> int:
+def cells(energy: Energy) -> int:
+    """Return the number of cells in series of the mission's battery."""
     return max(round(energy.voltage / NOMINAL_CELL), 1)
 
 
 def _limit_of_fewer(energy: Energy) -> float:
     """Voltage [V] from which on a battery has as many cells as the mission's, and not one less."""
-    cells = _cells(energy)
-    return min(FULL_CELL * (cells - 1), DEAD_CELL * cells)
+    count = cells(energy)
+    return min(FULL_CELL * (count - 1), DEAD_CELL * count)
 
 
 def _believed(value: float, usual: float) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from uav_mission_manager.mdp import ActionKind
+from uav_mission_manager.onboard.inputs import silence
 from uav_mission_manager.onboard.range_model import FULL_PACK
 from uav_mission_manager.onboard.situation import Situation
 from uav_mission_manager.policy import Decision, Policy
@@ -34,9 +35,8 @@ def decide(policy: Policy, situation: Situation, now: float, timeout: float) -> 
     timeout : float
         Age [s] above which an input counts as missing.
     """
-    missing = situation.missing(now, timeout)
-    if missing:
-        return Refusal('link lost: ' + ', '.join(missing))
+    if why := silence(situation.ages(now), timeout):
+        return Refusal(why)
     decision = policy.decide(situation.state)
     recharges = decision.action.kind is ActionKind.RECHARGE
     if recharges and situation.mission.range.charge is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 from uav_mission_manager.echo import quoted, shown
@@ -42,3 +43,12 @@ def missing_inputs(ages: Mapping[str, float], timeout: float) -> tuple[str, ...]
         for topic in REQUIRED_INPUTS
         if topic not in ages or abs(ages[topic]) > timeout
     )
+
+
+def silence(ages: Mapping[str, float], timeout: float) -> str:
+    """Say why nothing can be decided, '' if it can; what was never heard is not lost."""
+    missing = missing_inputs(ages, timeout)
+    if not missing:
+        return ''
+    never = missing == missing_inputs(ages, math.inf)
+    return f'{"waiting for data" if never else "link lost"}: {", ".join(missing)}'

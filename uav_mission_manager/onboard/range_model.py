@@ -16,10 +16,9 @@ FLAG_MARGIN = 0.02
 """Charge (0 to 1) that must be there besides the hysteresis for a lost flag to come back: two
 points of the usual gauge, more than it flickers by; a choice."""
 
-
-FULL_PACK = 0.9
+FULL_PACK = 0.895
 """Share of what it holds from which a battery is not worth waiting for: a choice, many chargers
-stop there."""
+stop at 90 %, and a message says that as a float32, which is a little less."""
 
 
 def level_on_board(mission: Mission, battery: Battery, previous: int) -> int:
@@ -80,7 +79,7 @@ def range_flags(
 ) -> tuple[int, ...]:
     """Range flags r_j (0, 1): lost below d_j, back at (1 + hysteresis) d_j and two points more.
 
-    A range that a full charge gives is enough to come back, or recharging might never end.
+    A range that `FULL_PACK` gives is enough to come back, or recharging might never end.
 
     Parameters
     ----------
@@ -97,7 +96,7 @@ def range_flags(
         What a full battery holds, of the capacity that the charge is counted by.
     """
     sigma = flight_range(energy, charge)
-    full = flight_range(energy, FULL_CHARGE * share)
+    full = flight_range(energy, FULL_PACK * share)
     margin = flight_range(energy, FLAG_MARGIN) - flight_range(energy, 0.0)
     back = (max(d, min((1.0 + hysteresis) * d + margin, full)) for d in needed)
     return tuple(

@@ -78,8 +78,12 @@ class ExpansionPolicy(Policy):
         return fit + super().warnings
 
     def look_up(self, rows: IntArray) -> FloatArray:
-        """Q(s, a) of valid states (N, 2k+5), shape (N, 2k+4); inf where not allowed."""
-        return self._look_ahead.q_values(rows)
+        """Q(s, a) of valid states (N, 2k+5), shape (N, 2k+4); inf where not allowed.
+
+        No cost is below 0, so where the fit has them so all are lifted, and the choice stays.
+        """
+        q_values = self._look_ahead.q_values(rows)
+        return q_values - np.minimum(q_values.min(axis=1, keepdims=True), 0.0)
 
     def estimate(self, least: FloatArray, sums: FloatArray) -> FloatArray:
         """V', to which the certificate's offset is added, of the least Q and the lower bound."""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from uav_mission_manager.autopilot.simulator.parameters import Parameters
-
-CELL_COUNT = 3
-"""Cells in series: a choice, 12.6 V when full."""
 
 CELL_CHARGES = (0.0, 0.05, 0.1, 0.2, 1.0)
 """States of charge at which the voltage of a cell is given; linear in between."""
@@ -15,17 +14,34 @@ CELL_CHARGES = (0.0, 0.05, 0.1, 0.2, 1.0)
 CELL_VOLTAGES = (3.2, 3.4, 3.53, 3.67, 4.2)
 """Voltage [V] of a cell without load at these charges: a choice, near lithium polymer's."""
 
+LOW_CELL = 3.5
+"""Voltage [V] of a cell at which the battery is low: ArduCopter's default, by three cells."""
+
 PACK_RESISTANCE = 0.01
 """Internal resistance of the battery [ohm]: a choice."""
+
+
+@dataclass(frozen=True)
+class Pack:
+    """A battery, and what hovering takes of it: cells in series, [Ah], [W]."""
+
+    cells: int
+    capacity: float
+    hover_power: float
+
+
+SMALL_PACK = Pack(3, 5.0, 200.0)
+"""The simulated battery unless something else is asked for: a choice, 12.6 V when full."""
 
 
 class SimulatedBattery:
     """A lithium polymer battery: charge 0-1, voltage under load [V], current [A]."""
 
-    def __init__(self) -> None:
+    def __init__(self, cells: int) -> None:
+        self._cells = cells
         self.charge = 1.0
         self.current = 0.0
-        self.voltage = CELL_COUNT * CELL_VOLTAGES[-1]
+        self.voltage = cells * CELL_VOLTAGES[-1]
         self.consumed = 0.0  # [Ah] since boot
         self.energy = 0.0  # [J] since boot
 
@@ -35,7 +51,7 @@ class SimulatedBattery:
 
     def drain(self, power: float, dt: float, capacity: float, forced_voltage: float) -> None:
         """Take `power` [W] for `dt` seconds; a forced voltage (not 0) is only measured."""
-        voltage = CELL_COUNT * float(np.interp(self.charge, CELL_CHARGES, CELL_VOLTAGES))
+        voltage = self._cells * float(np.interp(self.charge, CELL_CHARGES, CELL_VOLTAGES))
         self.current = power / voltage if self.charge else 0.0
         used = min(self.current * dt / 3600.0, self.charge * capacity)
         self.charge -= used / capacity

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from uav_mission_manager.autopilot.simulator.battery import BatteryMonitor
+from uav_mission_manager.autopilot.simulator.battery import (
+    LOW_CELL,
+    SMALL_PACK,
+    BatteryMonitor,
+    Pack,
+)
 from uav_mission_manager.autopilot.simulator.estimator import Estimator
 from uav_mission_manager.autopilot.simulator.failsafes import CRITICAL, INFO, WARNING, Failsafes
 from uav_mission_manager.autopilot.simulator.frames import QUAD_X, MotorFrame
@@ -65,10 +70,13 @@ class SimulatedFlight:
         boot_seconds: float = 5.0,
         seed: int = 0,
         frame: MotorFrame = QUAD_X,
+        pack: Pack = SMALL_PACK,
     ) -> None:
         self.origin = origin
         self.parameters = Parameters()
-        self.body = Multirotor(seed, frame)
+        self.parameters['SIM_BATT_CAP_AH'] = pack.capacity
+        self.parameters['BATT_LOW_VOLT'] = LOW_CELL * pack.cells
+        self.body = Multirotor(seed, frame, pack)
         self.boots = 0
         self._boot_seconds = boot_seconds
         self._wind = SimulatedWind(seed)

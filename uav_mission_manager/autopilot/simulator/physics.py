@@ -11,7 +11,7 @@ import math
 import random
 from dataclasses import dataclass
 
-from uav_mission_manager.autopilot.simulator.battery import SimulatedBattery
+from uav_mission_manager.autopilot.simulator.battery import SMALL_PACK, Pack, SimulatedBattery
 from uav_mission_manager.autopilot.simulator.frames import QUAD_X, MotorFrame, motor_loads
 from uav_mission_manager.geodesy import Origin
 
@@ -52,8 +52,8 @@ AIRSPEED_LOAD = 3e-4
 TIPPING_FACTOR = 4.0
 """How much faster than thrust alone says a vehicle falls that its weak corner tips: a choice."""
 
-HOVER_POWER, IDLE_POWER, AVIONICS_POWER = 200.0, 15.0, 5.0
-"""Power in hover, of idling motors, and of what is always on [W]: choices."""
+IDLE_POWER, AVIONICS_POWER = 15.0, 5.0
+"""Power of idling motors, and of what is always on [W]: choices."""
 
 DRAG_POWER = 0.03
 """Extra power over airspeed cubed [W/(m/s)3]: a choice."""
@@ -102,8 +102,9 @@ class Conditions:
 class Multirotor:
     """The body, moved by `step`; it starts on the ground at the origin, facing north."""
 
-    def __init__(self, seed: int = 0, frame: MotorFrame = QUAD_X) -> None:
+    def __init__(self, seed: int = 0, frame: MotorFrame = QUAD_X, pack: Pack = SMALL_PACK) -> None:
         self.frame = frame
+        self._hover_power = pack.hover_power
         self.position = 0j
         self.altitude = 0.0
         self.velocity = 0j
@@ -114,7 +115,7 @@ class Multirotor:
         self.impact = 0.0  # [m/s] of the last touch-down
         self.thrust_short = False  # the motors cannot carry the weight
         self.motors: tuple[float, ...] = (STOPPED_PWM,) * len(frame.angles)
-        self.battery = SimulatedBattery()
+        self.battery = SimulatedBattery(pack.cells)
         self._random = random.Random(seed)
 
     def step(self, dt: float, demand: Demand | None, conditions: Conditions, armed: bool) -> None:
@@ -131,7 +132,7 @@ class Multirotor:
             thrust = load * (1.0 + acceleration / GRAVITY)
             self._turn_motors(thrust, airspeed, conditions.effectiveness)
             effort = self.mean_span() / HOVER_SPAN
-            power = HOVER_POWER * effort**1.5 + DRAG_POWER * airspeed**3
+            power = self._hover_power * effort**1.5 + DRAG_POWER * airspeed**3
         self.battery.drain(
             power + AVIONICS_POWER, dt, conditions.capacity, conditions.forced_voltage
         )

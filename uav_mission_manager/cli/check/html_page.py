@@ -45,12 +45,14 @@ GOAL_TABLE = """<table>
 </table>"""
 
 BOX = '<rect class="{kind}" width="24" height="16"/>'
-MAP_LEGEND = (
+GROUND_LEGEND = (
     ('base, where it starts', BOX.format(kind='base-sign')),
     ('service, where it is recharged and repaired', BOX.format(kind='service-sign')),
-    ('goal, by its number below', '<circle class="goal" cx="12" cy="8" r="7.5"/>'),
     ('threats likelier than elsewhere', BOX.format(kind='zone')),
     ('threats less likely', BOX.format(kind='calm')),
+)
+WAY_LEGEND = (
+    ('goal, by its number below', '<circle class="goal" cx="12" cy="8" r="7.5"/>'),
     ('way from base', '<line class="there" x1="0" y1="8" x2="24" y2="8"/>'),
     ('on to service', '<line class="onward" x1="0" y1="8" x2="24" y2="8"/>'),
 )
@@ -70,7 +72,15 @@ def html_page(mission: Mission, findings: Sequence[Finding]) -> str:
 
 def map_legend(mission: Mission) -> str:
     """Return what the signs of the map mean, as items of a list."""
-    legend = [*MAP_LEGEND, *_area_legend(mission), *_reach_legend(mission)]
+    return ground_legend(mission) + _items([*WAY_LEGEND, *_reach_legend(mission)])
+
+
+def ground_legend(mission: Mission) -> str:
+    """Return what the signs mean that all maps of a mission have."""
+    return _items([*GROUND_LEGEND, *_area_legend(mission)])
+
+
+def _items(legend: Sequence[tuple[str, str]]) -> str:
     return '\n'.join(
         f'<li><svg viewBox="0 0 24 16">{sign}</svg>{escape(text)}</li>' for text, sign in legend
     )

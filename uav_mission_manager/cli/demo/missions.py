@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from uav_mission_manager.cli.demo.flight import DemoFlight
@@ -20,11 +20,18 @@ MAX_GOAL_TIME = 3600.0
 """Simulated time [s] that each goal of a mission of one's own may take: a choice, beyond any task
 that a battery lasts for."""
 
-CASES = (
-    ('Case I: one goal', 'case_one', case_one),
-    ('Three goals', 'case_study', three_goals),
-)
-"""Title, mission file and script of the shipped flights."""
+CASES = {
+    'case_one': ('Case I: one goal', case_one),
+    'case_study': ('Three goals', three_goals),
+    'survey': ('Five goals on one battery', own_mission),
+}
+"""Title and script of the shipped flights, by mission file."""
+
+USUAL_CASES = ('case_one', 'case_study')
+"""What is flown unless something else is asked for: what is over in two minutes."""
+
+SOLVED_BEFORE = ('survey',)
+"""Missions that take too long to solve here: flown by the shipped policy set."""
 
 
 @dataclass(frozen=True)
@@ -52,15 +59,16 @@ class DemoMission:
     limit: float = MAX_STEP_TIME
 
 
-def shipped_missions(logs: Path) -> list[DemoMission]:
-    """Return the shipped missions; their policy sets are built beside their logs."""
-    config = share_directory() / 'config'
-    found = []
-    for title, name, script in CASES:
-        mission, policy = load_mission(config / f'{name}.yaml'), logs / name / 'policy'
-        build_policy(mission).save(policy)
-        found.append(DemoMission(title, name, script, mission, policy))
-    return found
+def shipped_mission(name: str, logs: Path, speedup: float) -> DemoMission:
+    """Return a shipped mission; its policy set is built beside its logs unless that takes long."""
+    title, script = CASES[name]
+    if name in SOLVED_BEFORE:
+        own = mission_of(share_directory() / 'policies' / name, speedup)
+        return replace(own, title=title, folder=name, script=script)
+    mission = load_mission(share_directory() / 'config' / f'{name}.yaml')
+    policy = logs / name / 'policy'
+    build_policy(mission).save(policy)
+    return DemoMission(title, name, script, mission, policy)
 
 
 def mission_of(policy: Path, speedup: float) -> DemoMission:

@@ -17,7 +17,13 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from uav_mission_manager.cli.demo.flight import DemoFlight
-from uav_mission_manager.cli.demo.missions import DemoMission, mission_of, shipped_missions
+from uav_mission_manager.cli.demo.missions import (
+    CASES,
+    USUAL_CASES,
+    DemoMission,
+    mission_of,
+    shipped_mission,
+)
 from uav_mission_manager.cli.demo.page import serve_page
 from uav_mission_manager.cli.demo.stack import Stack
 from uav_mission_manager.cli.demo.view import View
@@ -29,7 +35,7 @@ from uav_mission_manager.cli.errors import (
 )
 from uav_mission_manager.cli.recording_options import add_recording_options, place_of_bags
 from uav_mission_manager.echo import quoted
-from uav_mission_manager.mdp import Mission, StateSpace
+from uav_mission_manager.mdp import Energy, Mission, StateSpace
 from uav_mission_manager.mdp.fields import positive
 from uav_mission_manager.nodes.transport import without_shared_memory
 from uav_mission_manager.onboard.recording import bag_names
@@ -66,7 +72,14 @@ def main(args: list[str] | None = None) -> int:
 
 def _parser() -> CommandParser:
     parser = CommandParser(prog='demo', description='Fly two missions in simulation, or your own.')
-    parser.add_argument(
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument(
+        'mission',
+        nargs='?',
+        choices=tuple(CASES),
+        help=f'shipped mission to fly; default: {" and ".join(USUAL_CASES)}',
+    )
+    what.add_argument(
         '--policy',
         type=Path,
         metavar='DIR',
@@ -102,7 +115,12 @@ def _demonstrate(options: argparse.Namespace) -> int:
     logs = options.logs or Path(tempfile.mkdtemp(prefix='uav-demo-'))
     bags = place_of_bags(options, logs / 'bags')
     own = options.policy
-    missions = [mission_of(own, options.speedup)] if own else shipped_missions(logs)
+    speedup, names = options.speedup, [options.mission] if options.mission else USUAL_CASES
+    missions = (
+        [mission_of(own, speedup)]
+        if own
+        else [shipped_mission(name, logs, speedup) for name in names]
+    )
     results: list[FlightResult] = []
     without_shared_memory()
     with ExitStack() as page:
@@ -112,14 +130,14 @@ def _demonstrate(options: argparse.Namespace) -> int:
         for mission in missions:
             folder = mission.folder
             bag = bags and next(place for place in bag_names(bags / folder) if not place.exists())
-            results.append(_fly(mission, logs / folder, options.speedup, bag))
+            results.append(_fly(mission, logs / folder, speedup, bag))
             if not results[-1].good:
                 break
     _summarise(results, logs)
     if bags is not None:
         print(f'bags: {bags}; see mission_replay {bag} --policy {mission.policy}')
-        speedup = f'--speedup {options.speedup:g}'
-        print(f'mission_report {bag} --policy {mission.policy} {speedup} --out report.html')
+        rest = f'--speedup {speedup:g} --out report.html'
+        print(f'mission_report {bag} --policy {mission.policy} {rest}')
     return 0 if all(result.good for result in results) else 1
 
 
@@ -138,8 +156,7 @@ def _fly(planned: DemoMission, logs: Path, speedup: float, bag: Path | None) -> 
         view.start()
         flight = DemoFlight(mission, stack.crew_connection, view)
         executor.add_node(flight)
-        energy = mission.energy
-        stack.start(_origin(mission), *((energy.speed, energy.agile_speed) if energy else ()))
+        stack.start(*_place_and_energy(mission))
         if bag is not None:
             view.event(f'recorded in {bag}')
         view.event('pids ' + ', '.join(f'{n} {p.pid}' for n, p in stack.processes.items()))
@@ -191,12 +208,13 @@ def _watch(flight: DemoFlight, stack: Stack, executor: SingleThreadedExecutor) -
             return
 
 
-def _origin(mission: Mission) -> str:
-    origin, grid = mission.grid.origin, mission.grid
-    if origin is None:
-        raise ValueError(f'mission {mission.name}: grid.origin is missing')
+def _place_and_energy(mission: Mission) -> tuple[str, Energy]:
+    origin, grid, energy = mission.grid.origin, mission.grid, mission.energy
+    if origin is None or energy is None:
+        missing = 'grid.origin' if origin is None else 'energy'
+        raise ValueError(f'mission {mission.name}: {missing} is missing')
     latitude, longitude = origin.to_geodetic(*grid.position(grid.base))
-    return f'{latitude:.9f},{longitude:.9f},{origin.altitude}'
+    return f'{latitude:.9f},{longitude:.9f},{origin.altitude}', energy
 
 
 def _summarise(results: list[FlightResult], logs: Path) -> None:

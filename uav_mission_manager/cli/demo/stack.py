@@ -11,7 +11,9 @@ import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
+from uav_mission_manager.mdp import Energy
 from uav_mission_manager.nodes.background import dying_with_parent
+from uav_mission_manager.onboard.battery import cells
 
 NAMESPACE = f'/uav{os.getpid()}'
 """Namespace of the vehicle; each run has one of its own, for two demos in one ROS domain."""
@@ -66,13 +68,11 @@ class Stack:
         self._crew = f'127.0.0.1:{crew}'
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
 
-    def start(
-        self, origin: str, speed: float | None = None, agile_speed: float | None = None
-    ) -> None:
+    def start(self, origin: str, energy: Energy) -> None:
         """Start everything.
 
-        `origin` is the home position, latitude,longitude,altitude; `speed` and `agile_speed` are
-        the speeds [m/s] in normal and agile flight, the bridge's own where they are None.
+        `origin` is the home position, latitude,longitude,altitude; `energy` is the mission's:
+        the vehicle has its battery, and flies at its speeds where they are given.
         """
         if self._bag is not None:
             self._start_node(RECORDER, bag=self._bag)
@@ -81,10 +81,11 @@ class Stack:
             'autopilot.sim_autopilot',
             *('--connection', f'udpout:{self._vehicle}', '--connection', f'udpout:{self._crew}'),
             *(f'--origin={origin}', f'--speedup={self.speedup}'),
+            f'--battery={cells(energy)},{energy.capacity},{energy.power}',
         )
         mission = {'mission': self.mission}
         connection = f'udpin:{self._vehicle}'
-        speeds = {'cruise_speed': speed, 'agile_speed': agile_speed}
+        speeds = {'cruise_speed': energy.speed, 'agile_speed': energy.agile_speed}
         self._start_node(
             'mavlink_bridge',
             connection=connection,

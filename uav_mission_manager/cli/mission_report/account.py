@@ -22,10 +22,15 @@ from uav_mission_manager.cli.mission_report.flight_record import Decided, Flight
 from uav_mission_manager.cli.mission_report.story import Names, state_news
 from uav_mission_manager.mdp import Mission, stage_costs
 from uav_mission_manager.onboard import parse_command
+from uav_mission_manager.policy import Policy
 from uav_mission_manager.solver.evaluation.forecast import epoch_length
+from uav_mission_manager.solver.evaluation.simulation import simulate
 
 MOST_EPOCHS_COUNTED = 100_000
 """Epochs of a flight that are counted, at most: a choice, days."""
+
+MOST_EPOCHS_SIMULATED = 360
+"""Epochs of a flight beside which others are simulated, at most: a choice, some seconds."""
 
 
 @dataclass(frozen=True)
@@ -54,11 +59,15 @@ class Account:
     ----------
     start : float
         When that was [s].
+    state : tuple of int
+        In which it was.
     seconds : float
         Length of an epoch [s].
     epochs : int
     expected : float
         V at the first decision.
+    at_least : float
+        What any policy would have expected at least; NaN if not known.
     paid : float
         Stage costs of all epochs.
     left : float
@@ -68,9 +77,11 @@ class Account:
     """
 
     start: float
+    state: tuple[int, ...]
     seconds: float
     epochs: int
     expected: float
+    at_least: float
     paid: float
     left: float
     surprises: tuple[Surprise, ...]
@@ -97,12 +108,14 @@ def account_of(record: FlightRecord, mission: Mission, names: Names) -> Account 
     errors = weight[:-1] * (stage + mission.discount * values[1:] - values[:-1])
     return Account(
         start=start,
+        state=decided[0].decision.state,
         seconds=seconds,
         epochs=epochs,
         expected=float(values[0]),
+        at_least=decided[0].decision.lower_bound,
         paid=float(weight[:-1] @ stage),
         left=float(weight[-1] * values[-1]),
-        surprises=_surprises(taken, errors.tolist(), names),
+        surprises=_surprises(decided, taken, errors.tolist(), names),
     )
 
 
@@ -112,18 +125,54 @@ def _taken(decided: list[Decided], times: list[float]) -> list[Decided]:
     return [decided[bisect_right(starts, at) - 1] for at in times]
 
 
-def _surprises(taken: list[Decided], errors: list[float], names: Names) -> tuple[Surprise, ...]:
-    """Name each by the news in its epoch; epochs without any are summed by command."""
-    found, quiet = [], dict[str, float]()
-    for error, (_, before), (at, after) in zip(errors, taken, taken[1:]):
-        news = '; '.join(state_news(before.state, after.state, names))
+def as_dear(account: Account, policy: Policy, flights: int) -> float | None:
+    """Return the share of simulated flights as long that cost as much or more.
+
+    With what they are expected to cost after their end, as the flight itself. None where it is
+    too long to be simulated.
+    """
+    if account.epochs > MOST_EPOCHS_SIMULATED:
+        return None
+    start = np.repeat(policy.space.check([account.state]), flights, axis=0)
+    mission, rng = policy.mission, np.random.default_rng(0)
+    costs, states = simulate(mission, policy.act, start, account.epochs, rng)
+    left = mission.discount**account.epochs * policy.q_values(states).min(axis=1)
+    return float((costs + left >= account.paid + account.left).mean())
+
+
+def _surprises(
+    decided: list[Decided], taken: list[Decided], errors: list[float], names: Names
+) -> tuple[Surprise, ...]:
+    """Name each by its news, or by the command that was slow; all others are summed."""
+    found, quiet = [], dict[str, list[float]]()
+    for error, before, after in zip(errors, taken, taken[1:]):
+        news = '; '.join(state_news(before.decision, after.decision, names))
         if news:
-            found.append(Surprise(at, error, news))
+            found.append(Surprise(_heard_at(decided, before, after, names), error, news))
         else:
-            words = names.command(before.command, before.state)
-            quiet[words] = quiet.get(words, 0.0) + error
-    found += [
-        Surprise(math.nan, cost, f'{words}: all epochs without news')
-        for words, cost in quiet.items()
-    ]
+            words = names.command(before.decision.command, before.decision)
+            quiet.setdefault(words, []).append(error)
+    others = []
+    for words, costs in quiet.items():
+        if sum(costs) > 0.0:
+            text = f'{words}, {_epochs(costs)}: slower than the mission assumes'
+            found.append(Surprise(math.nan, sum(costs), text))
+        else:
+            others += costs
+    if others:
+        text = f'{_epochs(others)} without news'
+        found.append(Surprise(math.nan, sum(others), text))
     return tuple(sorted(found, key=lambda surprise: -abs(surprise.cost)))
+
+
+def _epochs(costs: list[float]) -> str:
+    return f'{len(costs):,} epoch{"s" if len(costs) > 1 else ""}'
+
+
+def _heard_at(decided: list[Decided], before: Decided, after: Decided, names: Names) -> float:
+    """Return when news of an epoch first counted."""
+    return next(
+        each.at
+        for each in decided
+        if each.at > before.at and any(state_news(before.decision, each.decision, names))
+    )

@@ -3,29 +3,21 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 
+from uav_mission_manager.cli.bag_options import add_namespace, add_speedup
 from uav_mission_manager.cli.errors import CommandParser, one_line_errors
 from uav_mission_manager.cli.mission_report.flight_page import flight_page
 from uav_mission_manager.cli.mission_report.flight_record import FlightRecord, flight_record
 from uav_mission_manager.cli.mission_report.policy_page import policy_page
 from uav_mission_manager.console.messages import DECISION_TOPIC
-from uav_mission_manager.echo import quoted, shown
-from uav_mission_manager.mdp import FAULT_MODES
+from uav_mission_manager.echo import shown
 from uav_mission_manager.onboard import parse_command
 from uav_mission_manager.paths import write_whole
 from uav_mission_manager.policy import Policy, load_policy
 
 MANIFEST = 'manifest.json'
 """The file by which a policy set is told from a bag."""
-
-MOST_SPEEDUP = 1000.0
-"""Seconds of a flight per second of its bag, at most: a choice, no simulation is so fast."""
-
-
-CHARGE_NOT_REPORTED = 'states with a charge (range.charge) have no report of flights yet'
-"""Why a flight is refused."""
 
 
 def main(args: list[str] | None = None) -> int:
@@ -58,29 +50,9 @@ def _parser() -> CommandParser:
     parser.add_argument(
         '--policy', metavar='DIR', help='policy set that the bag was flown by: map, expectations'
     )
-    parser.add_argument(
-        '--namespace', metavar='NAME', help='vehicle, such as /uav1; default: the only one'
-    )
-    parser.add_argument(
-        '--speedup',
-        type=_speedup,
-        default=1.0,
-        metavar='N',
-        help="seconds of the flight per second of the bag; the demo's have 8; default: 1",
-    )
+    add_namespace(parser)
+    add_speedup(parser)
     return parser
-
-
-def _speedup(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value <= MOST_SPEEDUP:
-        raise argparse.ArgumentTypeError(
-            f'{quoted(text)} is not a number above 0, up to {MOST_SPEEDUP:g}'
-        )
-    return value
 
 
 def _refuse_options_of_bags(options: argparse.Namespace) -> None:
@@ -105,25 +77,19 @@ def _flight_report(options: argparse.Namespace, bag: Path) -> str:
 def _check_states(bag: str, record: FlightRecord) -> None:
     """Refuse what is no state of any mission; length and threat were looked at before."""
     for at, decision in record.decided:
-        state, k = decision.state, (len(decision.state) - 5) // 2
-        if not state:
-            continue
-        if len(state) % 2 == 0:
-            raise ValueError(f'{shown(bag)}: at {at:.2f} s: {CHARGE_NOT_REPORTED}')
-        limits = ((1, len(FAULT_MODES)), *((0, 1),) * k, *((0, 2),) * k)
-        for value, (low, high) in zip(state, limits):
-            if not low <= value <= high:
+        state, space = decision.state, decision.space
+        for name, value, values in zip(space.names, state, space.shape):
+            low = int(name == 'f')
+            if name != 'l' and not low <= value < low + values:
                 raise ValueError(
                     f'{shown(bag)}: at {at:.2f} s: {DECISION_TOPIC}: state: {shown(state)} has '
-                    f'{shown(value)} where {low} to {high} may be'
+                    f'{shown(value)} where {low} to {low + values - 1} may be'
                 )
 
 
 def _check_mission(bag: str, record: FlightRecord, policy: Policy) -> None:
     """Refuse decisions that no policy of this mission can have made."""
     mission = policy.mission
-    if mission.range.charge is not None:
-        raise ValueError(f'{shown(bag)}: mission {shown(mission.name)}: {CHARGE_NOT_REPORTED}')
     actions = 2 * mission.k + 4
     for at, decision in record.decided:
         if not decision.state:

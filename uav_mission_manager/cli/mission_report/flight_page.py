@@ -7,12 +7,19 @@ from collections.abc import Iterator, Sequence
 from datetime import datetime
 from html import escape
 
+from uav_mission_manager.cli.check.html_page import ground_legend
 from uav_mission_manager.cli.mission_report import page
-from uav_mission_manager.cli.mission_report.account import Account, account_of
+from uav_mission_manager.cli.mission_report.account import Account, account_of, as_dear
 from uav_mission_manager.cli.mission_report.charge import CHARGE_STYLE, charge_svg, leg_charges
 from uav_mission_manager.cli.mission_report.flight_record import FlightRecord
-from uav_mission_manager.cli.mission_report.goals_done import expectations, requests, simulated
+from uav_mission_manager.cli.mission_report.goals_done import (
+    WantedGoal,
+    expectations,
+    requests,
+    simulated,
+)
 from uav_mission_manager.cli.mission_report.in_short import goals_table, in_short
+from uav_mission_manager.cli.mission_report.legend import how_to_read
 from uav_mission_manager.cli.mission_report.page import clock
 from uav_mission_manager.cli.mission_report.story import Names, StoryRow, story
 from uav_mission_manager.cli.mission_report.track_map import TRACK_STYLE, time_legend, track_map
@@ -32,8 +39,8 @@ STRIP_COLUMNS = 20
 MOST_COLUMNS = 1000
 """Decisions in the timeline, at most: a choice, fifty strips."""
 
-SHOWN_SURPRISES = 8
-"""Surprises that are listed: a choice."""
+SHOWN_SURPRISES, MOST_SURPRISES = 8, 30
+"""Surprises that are listed: choices; more than the first where the rest has more weight."""
 
 TOO_FAST = 2.0
 """Speed over the mission's from which a recording is said to be faster than life: a choice; agile
@@ -54,9 +61,9 @@ def flight_page(record: FlightRecord, bag: str, policy: Policy | None) -> str:
     mission = policy.mission if policy else None
     names = Names(mission)
     account = account_of(record, mission, names) if mission else None
-    rows = story(record, names)
-    commands = [row for row in rows if row.number]
     found = requests(record, [goal.name for goal in mission.goals]) if mission else []
+    rows = story(record, names, found)
+    commands = [row for row in rows if row.number]
     title = f'Flight of {record.vehicle or "/"}' + (f': {shown(mission.name)}' if mission else '')
     return page.page(
         title,
@@ -65,31 +72,35 @@ def flight_page(record: FlightRecord, bag: str, policy: Policy | None) -> str:
             _head(record, bag, policy),
             '<h2>In short</h2>',
             in_short(record, commands, found, names, account),
-            goals_table(found, names, expectations(found, policy), simulated(policy))
-            if policy
-            else '',
+            _goals(record, policy, found, names) if policy else '',
             '<h2>What happened, in order</h2>',
-            _story_table(rows, record.speedup),
+            _story_table(rows),
             *_map(record, mission, commands),
             '<h2>Each decision</h2>',
-            *_timeline(record, names, mission),
+            *_timeline(record, names),
             *_battery(record, mission.energy if mission else None, commands),
-            *(_costs(account) if mission else ()),
+            *(_costs(account, policy) if policy else ()),
+            how_to_read(mission, account, record.speedup),
         ),
     )
+
+
+def _goals(record: FlightRecord, policy: Policy, found: list[WantedGoal], names: Names) -> str:
+    expected = expectations(found, policy)
+    return goals_table(found, names, expected, simulated(policy), record.slack)
 
 
 def _head(record: FlightRecord, bag: str, policy: Policy | None) -> str:
     began = datetime.fromtimestamp(record.began).astimezone()
     length = f'{clock(record.end)} min'
     if record.speedup != 1.0:
-        length += f', recorded {record.speedup:g} times faster than life'
+        length += f' of a simulation at {record.speedup:g} times the speed of life'
     flown = ', '.join(digest[:DIGITS] for digest in record.flown_by if digest) or 'not known'
     entries = [
         ('bag', shown(bag)),
         ('recorded', f'{began:%Y-%m-%d %H:%M:%S %z}'),
         ('length', length),
-        ('flown by', f'policy set {flown}'),
+        ('flown by', f'policy set with fingerprint {flown}'),
     ]
     text = page.facts(entries)
     if policy is None:
@@ -111,7 +122,7 @@ def _head(record: FlightRecord, bag: str, policy: Policy | None) -> str:
     return text
 
 
-def _story_table(rows: Sequence[StoryRow], speedup: float) -> str:
+def _story_table(rows: Sequence[StoryRow]) -> str:
     kept = rows
     if len(rows) > MOST_STORY_ROWS:
         kept = [row for row in rows if row.kind][:MOST_STORY_ROWS]
@@ -121,24 +132,9 @@ def _story_table(rows: Sequence[StoryRow], speedup: float) -> str:
         '<th>why</th><th>second best, by expected cost</th><th class=n>cost</th></tr></thead>'
         f'<tbody>\n{lines}\n</tbody></table>'
     )
-    text += page.note(
-        'Commands are numbered, with what had changed since the command before in italics; the '
-        'numbers are on the map and in the picture of the battery. Cost: what the policy expected '
-        'to pay from there on; second best: what that would have been expected to cost more. '
-        'EVADING, EVADE: in agile mode, dearer to fly and safer under a threat.'
-    )
-    text += page.note(
-        'Three things wait for some seconds, unless danger rises: the end of a danger, a request '
-        'soon after another one, and a change of mind soon after the last. They are seconds of '
-        f'the recording{_as_long(speedup)}.'
-    )
     if len(kept) < len(rows):
         text += page.note(f'{len(rows) - len(kept):,} of {len(rows):,} lines are left out.')
     return text
-
-
-def _as_long(speedup: float) -> str:
-    return '' if speedup == 1.0 else f', which are {speedup:g} times as many here'
 
 
 def _story_row(row: StoryRow) -> str:
@@ -165,32 +161,31 @@ def _map(
     yield '<h2>Where</h2>'
     yield track_map(mission, record, commands)
     yield f'<ul class="legend"><li>{time_legend(record.end, f"0:00 to {clock(record.end)}")}</li>'
-    yield '<li>numbers in frames: where the command of that number was given</li></ul>'
+    yield f'<li>numbers in frames: commands</li>{ground_legend(mission)}</ul>'
 
 
-def _timeline(record: FlightRecord, names: Names, mission: Mission | None) -> Iterator[str]:
+def _timeline(record: FlightRecord, names: Names) -> Iterator[str]:
     decided = [each for each in record.decided if each.decision.state][:MOST_COLUMNS]
     if not decided:
         yield page.note('Nothing was decided.')
         return
-    goals = (len(decided[0].decision.state) - 5) // 2
-    rows = escape('\n'.join(row_names([names[j] for j in range(goals)])))
+    space = decided[0].decision.space
+    rows = escape('\n'.join(row_names([names[j] for j in range(space.k)], space.levels)))
+    charge = '' if space.levels == 1 else f'level of the charge (0 to {space.levels - 1}), '
     yield page.note(
-        'A column for each decision that differs from the one before in state or command: '
-        'priorities of the goals (out: out of range), goal committed to, cell, threat, mode, '
-        'parts that have failed (S sensor, A actuator, C camera).'
+        f'{len(decided):,} times state or command changed, a column each: '
+        f'priorities of the goals (out: out of range), {charge}goal committed to, cell, threat, '
+        'mode, parts that have failed (S sensor, A actuator, C camera).'
     )
     for first in range(0, len(decided), STRIP_COLUMNS):
         part = decided[first : first + STRIP_COLUMNS]
         epochs = [
-            HeardEpoch(number, clock(each.at), each.decision.state, each.decision.command)
+            HeardEpoch(number, clock(each.at), each.decision)
             for number, each in enumerate(part, first + 1)
         ]
         yield f'<div class="strip"><div></div><div class="note">{clock(part[0].at)} to '
         yield f'{clock(part[-1].at)}</div><div class="timeline-names">{rows}</div>'
-        yield f'{block_svg(epochs, mission, goals)}</div>'
-    if len(record.decided) > len(decided):
-        yield page.note(f'{len(record.decided):,} decisions in all.')
+        yield f'{block_svg(epochs, space)}</div>'
 
 
 def _battery(
@@ -201,11 +196,12 @@ def _battery(
         yield page.note('No battery was heard.')
         return
     yield charge_svg(record, energy, commands)
+    line = f'the worst of {record.batteries} batteries' if record.batteries > 1 else 'charge'
     if energy is None:
-        yield page.note('Line: the worst battery. Shaded: in the air.')
+        yield page.note(f'Line: {line}. Shaded: in the air.')
         return
     yield page.note(
-        "Line: the worst battery. Shaded: in the air. Dashed: the mission's energy model from "
+        f"Line: {line}. Shaded: in the air. Dashed: the mission's energy model from "
         f'each take-off on, {energy.power:g} W in the air from {energy.capacity:g} Ah at '
         f'{energy.voltage:g} V.'
     )
@@ -231,42 +227,61 @@ def _battery(
     yield page.table(heads, rows, range(7))
 
 
-def _costs(account: Account | None) -> Iterator[str]:
+def _costs(account: Account | None, policy: Policy) -> Iterator[str]:
     yield '<h2>Cost: expected and paid</h2>'
     if account is None:
         yield page.note('Not known: it is shorter than an epoch, or the mission has no speed.')
         return
     total = account.paid + account.left
+    more = total - account.expected
     yield page.table(
         ('', 'cost'),
         [
+            (f'expected at {clock(account.start)}, the start', f'{account.expected:.2f}'),
             (
-                f'expected at {clock(account.start)}, V of the first state',
-                f'{account.expected:.2f}',
-            ),
-            (
-                f'paid in {account.epochs:,} epochs of {account.seconds:.3g} s, discounted',
+                f'paid in {account.epochs:,} epochs of {account.seconds:.3g} s',
                 f'{account.paid:.2f}',
             ),
-            ('V of the last state, discounted: still to be paid', f'{account.left:.2f}'),
-            ('paid and still to be paid, less expected', f'{total - account.expected:+.2f}'),
+            ('still to come after the end, as expected there', f'{account.left:.2f}'),
+            (
+                f'together {total:.2f}: {"less" if more < 0 else "more"} than expected by',
+                f'{more:+.2f}',
+            ),
         ],
         (1,),
     )
+    yield page.note(_luck(account, policy))
     yield f'<h3>What made the difference</h3>{_surprises_table(account)}'
     yield page.note(
-        "By the mission's costs, discounted to the first decision: what each piece of news added "
-        'to what had been expected a moment before. News that the model holds for unlikely weigh '
-        'more; without news a flight is cheaper than expected, unless it is slower than the model.'
+        'What each piece of news added to what had been expected a moment before: the more, the '
+        'less likely the model holds it. Epochs without any are cheap: the model expects some.'
     )
 
 
+def _luck(account: Account, policy: Policy) -> str:
+    """Say whether it was the policy that made it so dear."""
+    text, count = '', simulated(policy)
+    if account.at_least > 0.0:
+        text = f'No policy could have expected less than {account.at_least:.2f} at the start. '
+    if (share := as_dear(account, policy, count)) is not None:
+        text += (
+            f'Of {count:,} simulated flights as long, by the same policy from the same state, '
+            f'{share:.0%} cost as much or more.'
+        )
+    return text
+
+
 def _surprises_table(account: Account) -> str:
+    count = SHOWN_SURPRISES
+    costs = [surprise.cost for surprise in account.surprises]
+    while count < min(len(costs), MOST_SURPRISES) and abs(sum(costs[count:])) > abs(
+        costs[count - 1]
+    ):
+        count += 1
     rows = [
         ('' if math.isnan(s.at) else clock(s.at), s.text, f'{s.cost:+.2f}')
-        for s in account.surprises[:SHOWN_SURPRISES]
+        for s in account.surprises[:count]
     ]
-    rest = account.surprises[SHOWN_SURPRISES:]
-    if rest:
-        rows.append(('', f'{len(rest)} more', f'{sum(s.cost for s in rest):+.2f}'))
+    if costs[count:]:
+        rows.append(('', f'{len(costs[count:])} more', f'{sum(costs[count:]):+.2f}'))
     return page.table(('time', 'news', 'cost'), rows, (0, 2))

@@ -88,6 +88,8 @@ class FlightRecord:
         Of the worst battery, 0 to 1.
     legs : list of AirTime
         When it was in the air.
+    batteries : int
+        How many were heard.
     """
 
     vehicle: str
@@ -103,6 +105,7 @@ class FlightRecord:
     track: list[TrackPoint] = field(default_factory=list)
     charges: list[tuple[float, float]] = field(default_factory=list)
     legs: list[AirTime] = field(default_factory=list)
+    batteries: int = 0
 
     @property
     def flown_by(self) -> list[str]:
@@ -113,6 +116,15 @@ class FlightRecord:
     def slack(self) -> float:
         """Time of the flight [s] by which two things may be recorded in the wrong order."""
         return ORDER_SLACK * self.speedup
+
+    def in_air(self, at: float) -> bool:
+        """Whether it was in the air at a time [s]."""
+        return any(leg.start <= at < leg.end for leg in self.legs)
+
+    def decided_at(self, at: float) -> HeardDecision:
+        """Return the last decision in a state by a time [s]; an empty one where there is none."""
+        found = [each.decision for each in self.decided if each.at <= at and each.decision.state]
+        return found[-1] if found else HeardDecision('')
 
     def charge_at(self, at: float) -> float:
         """Return the charge last heard at a time [s]; NaN where none was heard."""
@@ -205,6 +217,7 @@ class _Listener:
             record.track.append(TrackPoint(at, pose.east, pose.north, pose.height))
             self._rise_or_land(at, pose.height)
         if now.batteries is not before.batteries:
+            record.batteries = len(now.batteries)
             record.charges.append((at, min(noted.value for noted in now.batteries.values())))
         if now.bridge is not before.bridge:
             self._note_bridge(at, message)

@@ -37,20 +37,30 @@ class WantedGoal:
         From 0.
     priority : int
         The highest that it had meanwhile.
-    asked, over : float
-        When it was first wanted, and when not any more [s]; infinite if never.
+    counts, over : float
+        When the manager first wanted it, and when not any more [s]; infinite if never.
     done : bool
         Whether it was completed then.
     state : tuple of int
         In which the manager decided when it first wanted it.
+    asked : float
+        When it was asked for [s]; NaN if that was not heard.
+    begun : float
+        When it was first commanded [s]; infinite if never.
     """
 
     goal: int
     priority: int
-    asked: float
+    counts: float
     over: float
     done: bool
     state: tuple[int, ...]
+    asked: float = math.nan
+    begun: float = math.inf
+
+    def waited(self, slack: float) -> bool:
+        """Whether it counted later than it was asked for, by more than times are off [s]."""
+        return self.counts - self.asked > slack
 
 
 @dataclass(frozen=True)
@@ -76,21 +86,40 @@ def requests(record: FlightRecord, names: list[str]) -> list[WantedGoal]:
     for at, decision in record.decided:
         if not decision.state:
             continue
-        k = (len(decision.state) - 5) // 2
-        for j, g in enumerate(decision.state[1 + k : 1 + 2 * k]):
+        for j, g in enumerate(decision.named.g.tolist()):
             if g and j not in wanted:
                 wanted[j] = WantedGoal(j, g, at, math.inf, False, decision.state)
             elif g:
                 wanted[j] = replace(wanted[j], priority=max(wanted[j].priority, g))
             elif j in wanted:
                 found.append(_over(wanted.pop(j), at, record, names))
-    return sorted([*found, *wanted.values()], key=lambda request: (request.asked, request.goal))
+    return [
+        _told(request, record, names)
+        for request in sorted([*found, *wanted.values()], key=lambda r: (r.counts, r.goal))
+    ]
+
+
+def _told(request: WantedGoal, record: FlightRecord, names: list[str]) -> WantedGoal:
+    """Say when it was asked for, and when first commanded."""
+    asked, before = math.nan, 0
+    for at, priorities in record.asked:
+        now = priorities[request.goal] if request.goal < len(priorities) else 0
+        if now and not before and at <= request.counts + record.slack:
+            asked = at
+        before = now
+    start = f'commit {names[request.goal]} ' if request.goal < len(names) else '\n'
+    begun = [
+        at
+        for at, decision in record.decided
+        if request.counts <= at <= request.over and decision.command.startswith(start)
+    ]
+    return replace(request, asked=asked, begun=begun[0] if begun else math.inf)
 
 
 def _over(request: WantedGoal, at: float, record: FlightRecord, names: list[str]) -> WantedGoal:
     name = names[request.goal] if request.goal < len(names) else ''
     latest = at + record.slack
-    done = [t for t, n in record.completed if n == name and request.asked <= t <= latest]
+    done = [t for t, n in record.completed if n == name and request.counts <= t <= latest]
     return replace(request, over=done[-1] if done else at, done=bool(done))
 
 
@@ -123,6 +152,6 @@ def expectations(found: list[WantedGoal], policy: Policy) -> list[Expectation | 
 
 def _expectation(request: WantedGoal, minutes: FloatArray) -> Expectation:
     seconds = minutes * SECONDS_PER_MINUTE
-    taken = request.over - request.asked
+    taken = request.over - request.counts
     slower = float((seconds > taken).mean()) if request.done else None
     return Expectation(float(np.sort(seconds)[len(seconds) // 2]), slower)

@@ -11,20 +11,14 @@ from uav_mission_manager.cli.mission_report.account import Account
 from uav_mission_manager.cli.mission_report.flight_record import FlightRecord
 from uav_mission_manager.cli.mission_report.goals_done import Expectation, WantedGoal
 from uav_mission_manager.cli.mission_report.page import clock
-from uav_mission_manager.cli.mission_report.story import CHARGE_JUMP, Names, StoryRow
+from uav_mission_manager.cli.mission_report.story import SERVED_FOR, Names, StoryRow
+from uav_mission_manager.cli.mission_report.waits import CHARGE_JUMP
 from uav_mission_manager.console.map_overlay import PRIORITY_WORDS
 from uav_mission_manager.echo import shown
+from uav_mission_manager.mdp import THREAT_LEVELS
 
 JUST_BEFORE = 10.0
 """Time [s] within which a jump of the charge is told with what followed: a choice."""
-
-
-TURNS = {
-    'RECHARGE': 'It went to recharge',
-    'GO FOR REPAIR': 'It went for repair',
-    'EVAD': 'It flew agile, for a threat',
-}
-"""What is told of commands with such a word."""
 
 MOST_TURNS = 12
 """Commands that are told here, at most: a choice; the story has all."""
@@ -52,16 +46,16 @@ def in_short(
     ]
     if missed:
         lines.append(f'Asked for and not done: {", ".join(missed)}.')
-    lines += _turns(record, commands)
+    lines += _turns(record, commands, names)
     if record.refused:
         refused = ', '.join(f'{shown(n, 60)} at {clock(at)}' for at, n in record.refused)
         lines.append(f'Out of reach, or failed: {refused}.')
-    lines.append(_who(record))
+    lines.append(_who(record, commands))
     if account is not None:
         total = account.paid + account.left
         lines.append(
-            f'Cost {total:.1f}, and {account.expected:.1f} were expected at the beginning; '
-            'the last section says what made the difference.'
+            f'Cost {total:.1f}, and {account.expected:.1f} were expected at the beginning: see '
+            '"Cost: expected and paid".'
         )
     return f'<ul>{"".join(f"<li>{escape(line)}</li>" for line in lines)}</ul>'
 
@@ -70,75 +64,120 @@ def _times(count: int) -> str:
     return {0: 'never', 1: 'once', 2: 'twice'}.get(count, f'{count} times')
 
 
-def _turns(record: FlightRecord, commands: Sequence[StoryRow]) -> Iterator[str]:
+def _turns(record: FlightRecord, commands: Sequence[StoryRow], names: Names) -> Iterator[str]:
     """Say where it broke off, or flew agile, and why."""
     turns = []
-    for row in commands:
-        for word, what in TURNS.items():
-            if word in row.text:
-                charge = f'; {_charge(record, row.at)}' if word == 'RECHARGE' else ''
-                turns.append(
-                    f'{clock(row.at)} {what}: {row.reason}{charge}. Second best: {row.second}.'
-                )
+    for before, row in zip((None, *commands), commands):
+        what = _agile(before, row)
+        if row.decision.command in SERVED_FOR:
+            what = _serviced(record, row, names)
+        if what:
+            turns.append(f'{clock(row.at)} {what}. Second best: {row.second.partition(";")[0]}.')
     yield from turns[:MOST_TURNS]
     if len(turns) > MOST_TURNS:
         yield f'{len(turns) - MOST_TURNS:,} more times it recharged, was repaired or flew agile.'
 
 
+def _serviced(record: FlightRecord, row: StoryRow, names: Names) -> str:
+    command = row.decision.command
+    charge = f'; {_charge(record, row.at)}' if command == 'recharge' else ''
+    went = 'It stayed in the service cell' if names.on_site(row.decision) else 'It went'
+    return f'{went} {SERVED_FOR[command]}: {row.reason}{charge}'
+
+
+def _agile(before: StoryRow | None, row: StoryRow) -> str:
+    command, _, mode = row.decision.command.rpartition(' ')
+    if mode != 'agile':
+        return ''
+    where = 'It flew to base, agile'
+    if command != 'none':
+        on = 'on ' if before and before.decision.command.startswith(f'{command} ') else ''
+        where = f'It went {on}to {shown(command.removeprefix("commit "), 60)}, agile'
+    reason, _, threat = row.reason.partition(', threat ')
+    if threat in ('', THREAT_LEVELS[0]):
+        return f'{where}: {reason}'
+    heard = any(text.startswith('threat ') for text in row.news)
+    threat = f'threat {threat} {"was heard" if heard else "still counted"}'
+    return f'{where}: {threat}' if command != 'none' else f'{where}: {reason}, and {threat}'
+
+
 def _charge(record: FlightRecord, at: float) -> str:
     """Say the charge at a time, and where it had jumped just before."""
     now, before = record.charge_at(at), record.charge_at(at - JUST_BEFORE)
-    jumped = abs(now - before) >= CHARGE_JUMP
-    text = f'charge {_percent(now)}'
-    return f'{text}, which was {_percent(before)} a moment before' if jumped else text
+    if before - now >= CHARGE_JUMP:
+        return f'reported charge had fallen suddenly from {_percent(before)} to {_percent(now)}'
+    return f'charge {_percent(now)}'
 
 
 def _percent(charge: float) -> str:
     return 'not known' if math.isnan(charge) else f'{charge:.0%}'
 
 
-def _who(record: FlightRecord) -> str:
+def _who(record: FlightRecord, commands: Sequence[StoryRow]) -> str:
     if not record.in_command:
         return 'Who was in command is not known: no bridge was heard.'
-    others = [(at, who) for at, who in record.in_command if who.tone != 'good']
+    until = [at for at, _ in record.in_command[1:]]
+    others = [
+        (at, end, who)
+        for (at, who), end in zip(record.in_command, [*until, record.end])
+        if who.tone != 'good'
+    ]
     if not others:
-        return 'The manager was in command all the time.'
-    told = '; '.join(f'{who.word} from {clock(at)} ({shown(who.why, 120)})' for at, who in others)
+        first = f'from {clock(commands[0].at)} on' if commands else 'nothing'
+        return f'Nobody took command from the manager, which commanded {first}.'
+    told = '; '.join(
+        f'{who.word} from {clock(at)} to {clock(end)} ({shown(who.why, 120)})'
+        for at, end, who in others
+    )
     return f'The manager was not in command all the time: {told}.'
 
 
 def goals_table(
-    found: Sequence[WantedGoal], names: Names, expected: Sequence[Expectation | None], count: int
+    found: Sequence[WantedGoal],
+    names: Names,
+    expected: Sequence[Expectation | None],
+    count: int,
+    slack: float,
 ) -> str:
-    """Return when each goal was asked for and done, beside `count` simulated flights."""
+    """Return when each goal was asked for and done, beside `count` simulated flights.
+
+    Times are off by `slack` [s] at most.
+    """
     if not found:
         return page.note('The manager wanted no goal.')
-    heads = ('goal', 'priority', 'wanted from', 'over at', '', 'took', 'expected (median)')
+    heads = ('goal', 'priority', 'asked', 'begun', 'done', 'took', 'expected (median)')
     rows = []
     for request, expectation in zip(found, expected):
-        over = math.isfinite(request.over)
+        late, begun = request.waited(slack), math.isfinite(request.begun)
+        asked = request.asked if late else request.counts
         rows.append(
             (
                 names[request.goal],
                 PRIORITY_WORDS[request.priority].removesuffix(' priority'),
-                clock(request.asked),
-                clock(request.over) if over else '',
-                'done' if request.done else 'no longer asked for' if over else 'still open',
-                clock(request.over - request.asked) if request.done else '',
+                clock(asked) + (f', counts from {clock(request.counts)}' if late else ''),
+                clock(request.begun) if begun else '',
+                _done(request),
+                clock(request.over - request.counts) if request.done else '',
                 *_expected(expectation),
             )
         )
-    return page.table((*heads, 'simulated flights that took longer'), rows, (2, 3, 5, 6, 7)) + (
+    return page.table((*heads, 'slower than'), rows, (3, 4, 5, 6, 7)) + (
         page.note(
-            f'Expected: of {count:,} simulated flights from the state in which the manager began '
-            "to want the goal, with the mission's chances of faults, threats and other requests. "
-            'They know of no take-off, landing, climb or work at the service cell.'
+            f'Expected: of {count:,} flights simulated from where the request counts. They know '
+            'no take-off, landing, climb or service time, so a real one looks slower.'
         )
     )
+
+
+def _done(request: WantedGoal) -> str:
+    if request.done:
+        return clock(request.over)
+    over = math.isfinite(request.over)
+    return f'no longer asked for at {clock(request.over)}' if over else 'still open'
 
 
 def _expected(found: Expectation | None) -> list[str]:
     if found is None:
         return ['', '']
     median = clock(found.median) if math.isfinite(found.median) else 'most never'
-    return [median, '' if found.slower is None else f'{found.slower:.0%}']
+    return [median, '' if found.slower is None else f'{1.0 - found.slower:.0%} of them']

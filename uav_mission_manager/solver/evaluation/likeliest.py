@@ -37,8 +37,9 @@ def _outcomes(
     f, cell = int(s.f) - 1, int(s.l)
     regime = dynamics.regimes(mission)[number - 1, cell]
     landing = dynamics.landings(mission)[number - 1, cell]
-    may = dynamics.may_complete(mission)[number - 1, cell]
-    chance = float(may * dynamics.completion_probabilities(mission)[f])
+    chance = 0.0
+    if action.goal is not None and dynamics.may_complete(mission)[number - 1, cell]:
+        chance = float(dynamics.completion_probabilities(mission)[action.goal, f])
     for completed, probability in (False, 1.0 - chance), (True, chance):
         after = np.zeros(len(space.names), np.int64)
         to = space.split(after)

@@ -6,12 +6,16 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from uav_mission_manager.solver import memory
-from uav_mission_manager.solver.exact.sweep import block_shape
+from uav_mission_manager.solver.exact.sweep import block_shape, is_compiled
 from uav_mission_manager.solver.submdp import SubMdp
 
 MIXED_TABLES, ROW_TABLES = 5, 20
 """Tables of a block that a thread works with, of the exogenous expectation and of the rest:
 counted, about."""
+
+
+COMPILER_BYTES = 206 << 20
+"""What numba takes to compile the sweep in both precisions: measured."""
 
 
 def needed_bytes(sub: SubMdp, dtype: DTypeLike, threads: int) -> int:
@@ -23,7 +27,8 @@ def needed_bytes(sub: SubMdp, dtype: DTypeLike, threads: int) -> int:
     entries = 2 * sub.entries + sub.n * rows // 3 * columns + base_costs + costs
     cells, width, height = block_shape(sub)
     scratch = MIXED_TABLES * cells * rows * width + ROW_TABLES * q * height * columns
-    return int((entries + threads * scratch) * np.dtype(dtype).itemsize)
+    compiler = COMPILER_BYTES if is_compiled(sub) else 0
+    return int((entries + threads * scratch) * np.dtype(dtype).itemsize) + compiler
 
 
 def check_memory(sub: SubMdp, dtype: DTypeLike, threads: int) -> None:

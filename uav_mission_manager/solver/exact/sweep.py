@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -210,11 +211,11 @@ class Sweeper:
 
     def _compiled(self) -> CompiledSweep | None:
         """Return the compiled sweep where it pays and can be had."""
-        if self.values.size < MIN_COMPILED_ENTRIES or self.model.sub.threats != 3:
+        if not is_compiled(self.model.sub):
             return None
         try:
             from uav_mission_manager.solver.exact.compiled import CompiledSweep
-        except ImportError:  # numba is optional, and may not know this NumPy.
+        except ImportError:  # numba may not know this NumPy.
             return None
         n = self.model.sub.n
         inner = max(goals for goals in range(n + 1) if 3**goals <= self.block_rows)
@@ -292,6 +293,12 @@ def _lower(least: RealArray, q: RealArray) -> None:
 
 def _follow(followed: RealArray, q: RealArray, numbers: ActionTable, number: int) -> None:
     np.copyto(followed, q, where=numbers == number)
+
+
+def is_compiled(sub: SubMdp) -> bool:
+    """Whether compiling pays for the sweeps of a sub-MDP, and numba is there to do it."""
+    pays = sub.entries >= MIN_COMPILED_ENTRIES and sub.threats == 3
+    return pays and find_spec('numba') is not None
 
 
 def block_shape(sub: SubMdp) -> tuple[int, int, int]:
