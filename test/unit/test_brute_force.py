@@ -11,6 +11,7 @@ from strategies import case_study, charged_missions, missions, pick_states
 
 from uav_mission_manager import build_policy
 from uav_mission_manager.mdp import mission_from_dict
+from uav_mission_manager.solver.evaluation import simulation
 
 SMALL = [(1, 1), (1, 2), (1, 3), (2, 1), (2, 2), (2, 3)]
 TWO_CELLS = [(1, 1), (1, 2), (2, 1)]
@@ -45,6 +46,17 @@ def test_every_q_of_any_mission_with_one_goal(document):
 @given(missions(TWO_CELLS, [2]))
 def test_every_q_of_any_small_mission_with_two_goals(document):
     assert_same_q(document)
+
+
+def assert_simulated(mission, reference):
+    """Simulated costs of the exact policy are those of the reference."""
+    policy = build_policy(mission, 'exact')
+    starts = pick_states(policy.space, 6, seed=3)
+    rng = np.random.default_rng(1)
+    found = simulation.estimate(mission, policy.act, starts, 400, rng, confidence=0.999)
+    optimum = reference.v[policy.space.index(starts)]
+    assert (found.lower <= optimum).all()
+    assert (optimum <= found.upper).all()
 
 
 def assert_bellman(document, policy, states):

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from brute_force import BruteForce, solve
 from strategies import case_study, lively, pick_states, with_charge
-from test_brute_force import assert_bellman, assert_same_q
+from test_brute_force import assert_bellman, assert_same_q, assert_simulated
 
 from uav_mission_manager import build_policy, load_policy
 from uav_mission_manager.cli import mission_simulate, policy_query
 from uav_mission_manager.cli.check.probabilities import probability_findings
 from uav_mission_manager.mdp import MissionError, StateError, StateSpace, mission_from_dict
-from uav_mission_manager.mdp.charge import RangeFlags, charge_level, range_table
+from uav_mission_manager.mdp.charge import RangeFlags, charge_level, range_table, state_flags
 from uav_mission_manager.solver.decomposition.decompose import decompose
 from uav_mission_manager.solver.evaluation import (
     evaluate,
@@ -246,13 +246,7 @@ def test_a_policy_set_is_the_same_when_loaded(small, method, tmp_path, capsys):
 
 def test_simulated_costs_are_those_of_the_policy(small):
     _, mission, reference = small
-    policy = build_policy(mission, 'exact')
-    starts = pick_states(policy.space, 6, seed=3)
-    rng = np.random.default_rng(1)
-    found = simulation.estimate(mission, policy.act, starts, 400, rng, confidence=0.999)
-    optimum = reference.v[policy.space.index(starts)]
-    assert (found.lower <= optimum).all()
-    assert (optimum <= found.upper).all()
+    assert_simulated(mission, reference)
 
 
 def test_a_fleet_of_one_costs_what_one_vehicle_costs(small):
@@ -279,6 +273,15 @@ def test_flags_of_states(small):
     flags = RangeFlags(mission)(StateSpace.of(mission).split(states))
     expected = [model.split(tuple(state))[1] for state in states.tolist()]
     np.testing.assert_array_equal(flags, expected)
+
+
+def test_flags_of_one_state_are_those_of_many(small):
+    with_flags = read(lively())
+    for mission in (small[1], with_flags):
+        space = StateSpace.of(mission)
+        states = pick_states(space, 50)
+        for state, flags in zip(states, RangeFlags(mission)(space.split(states)).tolist()):
+            assert state_flags(mission, space.split(state)) == tuple(flags)
 
 
 def test_a_mission_in_python_needs_energy_for_its_charge():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from brute_force import BruteForce, solve
 from strategies import case_study, lively, pick_states, with_charge
-from test_brute_force import assert_bellman
+from test_brute_force import assert_bellman, assert_simulated
 
 from uav_mission_manager import build_policy
 from uav_mission_manager.mdp import MissionError, allowed_actions, mission_from_dict
@@ -232,13 +232,7 @@ def test_a_commitment_is_allowed_where_its_own_goal_can_be_done():
 
 def test_simulated_costs_are_those_of_the_policy(known):
     _, mission, reference = known
-    policy = build_policy(mission, 'exact')
-    starts = pick_states(policy.space, 6, seed=3)
-    rng = np.random.default_rng(1)
-    found = simulation.estimate(mission, policy.act, starts, 400, rng, confidence=0.999)
-    optimum = reference.v[policy.space.index(starts)]
-    assert (found.lower <= optimum).all()
-    assert (optimum <= found.upper).all()
+    assert_simulated(mission, reference)
 
 
 def waiting(document):

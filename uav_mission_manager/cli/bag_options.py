@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import math
 
-from uav_mission_manager.echo import quoted
+from uav_mission_manager.cli.number_argument import number_up_to
 
 MOST_SPEEDUP = 1000.0
 """Seconds of a flight per second of its bag, at most: a choice, no simulation is so fast."""
@@ -22,20 +21,8 @@ def add_speedup(parser: argparse.ArgumentParser) -> None:
     """Add `--speedup`."""
     parser.add_argument(
         '--speedup',
-        type=_speedup,
+        type=number_up_to(MOST_SPEEDUP),
         default=1.0,
         metavar='N',
         help="seconds of the flight per second of the bag; the demo's have 8; default: 1",
     )
-
-
-def _speedup(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value <= MOST_SPEEDUP:
-        raise argparse.ArgumentTypeError(
-            f'{quoted(text)} is not a number above 0, up to {MOST_SPEEDUP:g}'
-        )
-    return value

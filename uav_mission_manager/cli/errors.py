@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, NoReturn
 
 from uav_mission_manager.arguments import complete, version_line
@@ -28,6 +29,12 @@ STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that ask a command to end: Ctrl-C, a service manager, a terminal that was closed."""
 
 _come: list[int] = []  # signals since the command began
+
+
+def require_folder(option: str, file: Path) -> None:
+    """Raise `FileNotFoundError` where there is no folder for a file that is to be written."""
+    if not file.parent.is_dir():
+        raise FileNotFoundError(f'{option}: there is no folder {shown(file.parent)}')
 
 
 class CommandParser(argparse.ArgumentParser):

@@ -10,7 +10,7 @@ from itertools import groupby
 from pathlib import Path
 
 from uav_mission_manager.cli.calibration_plot import draw_fits
-from uav_mission_manager.cli.errors import CommandParser, one_line_errors
+from uav_mission_manager.cli.errors import CommandParser, one_line_errors, require_folder
 from uav_mission_manager.cli.forecast_plot import require_plotting
 from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.learning.calibration import WHOLE, PolynomialFit, fit_polynomial
@@ -97,9 +97,7 @@ def _check(options: argparse.Namespace) -> None:
     if options.out is not None:
         if options.mission is None:
             raise ValueError('--out: needs --mission, the file that it is a changed copy of')
-        if not Path(options.out).parent.is_dir():
-            folder = shown(Path(options.out).parent)
-            raise FileNotFoundError(f'--out: there is no folder {folder}')
+        require_folder('--out', Path(options.out))
     if options.plot is not None:
         require_plotting(Path(options.plot))
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from uav_mission_manager.cli.errors import require_folder
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp.arrays import FloatArray
 from uav_mission_manager.mdp.epoch import SECONDS_PER_MINUTE
@@ -57,8 +58,7 @@ def require_plotting(file: Path) -> None:
     if file.suffix.removeprefix('.').lower() not in formats:
         known = ', '.join(f'.{name}' for name in sorted(formats))
         raise ValueError(f'--plot: {shown(file)} ends in none of {known}')
-    if not file.parent.is_dir():
-        raise FileNotFoundError(f'--plot: there is no folder {shown(file.parent)}')
+    require_folder('--plot', file)
 
 
 def draw_forecast(runs: Sequence[Flights], names: Sequence[str], file: Path) -> None:

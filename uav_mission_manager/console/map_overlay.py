@@ -24,7 +24,7 @@ from uav_mission_manager.drawing.base_map import (
 from uav_mission_manager.drawing.places import Point, corners, ellipse
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import Mission, StateSpace
-from uav_mission_manager.mdp.charge import RangeFlags
+from uav_mission_manager.mdp.charge import state_flags
 from uav_mission_manager.mdp.range_model import flight_range
 from uav_mission_manager.onboard import parse_command
 
@@ -184,7 +184,7 @@ def _goals(mission: Mission, heard: Heard, scale: Scale) -> Iterator[str]:
     state = last_state(heard.epochs)
     known = len(state) == len(space.names)
     s = space.split(np.array(state if known else (0,) * len(space.names)))
-    flags = RangeFlags(mission)(s)
+    flags = state_flags(mission, s)
     for j, goal in enumerate(mission.goals):
         priority = int(s.g[j])
         in_range = not known or bool(flags[j])

@@ -47,6 +47,13 @@ def flags_at(mission: Mission, cell: int, level: int) -> tuple[int, ...]:
     return tuple(int(left >= needed) for needed in required_ranges(mission, position))
 
 
+def state_flags(mission: Mission, s: StateView) -> tuple[int, ...]:
+    """The range flags r_j of one state by name, without the table that `RangeFlags` makes."""
+    if mission.range.charge is None:
+        return tuple(s.r.tolist())
+    return flags_at(mission, int(s.l), int(s.b[0]))
+
+
 def range_table(mission: Mission) -> BoolArray:
     """`flags_at` of a mission with a charge, over goal, cell and level: (k, q, B)."""
     left = [level_range(mission, level) for level in range(mission.range.levels)]

@@ -23,7 +23,7 @@ from uav_mission_manager.mdp import (
     action_name,
     global_actions,
 )
-from uav_mission_manager.mdp.charge import RangeFlags
+from uav_mission_manager.mdp.charge import state_flags
 from uav_mission_manager.mdp.range_model import flight_range
 from uav_mission_manager.onboard import Refusal, Situation, format_command
 from uav_mission_manager.onboard.inputs import silence
@@ -94,7 +94,7 @@ def state_in_words(mission: Mission, state: Sequence[int]) -> dict[str, str]:
     s = StateSpace.of(mission).split(np.array(state))
     row, col = divmod(int(s.l), mission.grid.cols)
     goals = [goal.name for goal in mission.goals]
-    flags, charge = RangeFlags(mission)(s), dict[str, str]()
+    flags, charge = state_flags(mission, s), dict[str, str]()
     if mission.range.charge is not None:
         charge[CHARGE_LEVEL] = f'{s.b[0]} of 0 to {mission.range.levels - 1}'
     return {

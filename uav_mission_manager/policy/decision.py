@@ -18,7 +18,7 @@ from uav_mission_manager.mdp import (
     action_name,
 )
 from uav_mission_manager.mdp.arrays import FloatArray
-from uav_mission_manager.mdp.charge import RangeFlags
+from uav_mission_manager.mdp.charge import state_flags
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def _motive(mission: Mission, state: list[int], action: Action) -> str:
         goal, level = mission.goals[action.goal], PRIORITY_LEVELS[s.g[action.goal]]
         motive = f'{goal.name} has {level} priority'
     elif action.kind is ActionKind.RECHARGE:
-        lost = [goal.name for goal, r in zip(mission.goals, RangeFlags(mission)(s)) if not r]
+        lost = [goal.name for goal, r in zip(mission.goals, state_flags(mission, s)) if not r]
         motive = f'out of range: {", ".join(lost) or "no goal"}'
         if mission.range.charge is not None:
             motive = f'charge {s.b[0]} of {mission.range.levels - 1}, {motive}'

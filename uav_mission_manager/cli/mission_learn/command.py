@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 
 from uav_mission_manager.cli.bag_options import add_namespace, add_speedup
 from uav_mission_manager.cli.check.solving import obstacle_to_solving
-from uav_mission_manager.cli.errors import CommandParser, one_line_errors
+from uav_mission_manager.cli.errors import CommandParser, one_line_errors, require_folder
 from uav_mission_manager.cli.mission_learn.certificates import certificate_lines
 from uav_mission_manager.cli.mission_learn.changes import Learning, as_html, as_markdown, sections
 from uav_mission_manager.cli.mission_learn.flown_bag import (
@@ -17,7 +16,8 @@ from uav_mission_manager.cli.mission_learn.flown_bag import (
     recorded,
     seconds_per_epoch,
 )
-from uav_mission_manager.echo import quoted, shown
+from uav_mission_manager.cli.number_argument import number_up_to
+from uav_mission_manager.echo import shown
 from uav_mission_manager.learning import (
     DEFAULT_WEIGHT,
     count,
@@ -67,7 +67,7 @@ def _parser() -> CommandParser:
     parser.add_argument('--out', required=True, metavar='NEW.yaml', help='mission file to write')
     parser.add_argument(
         '--weight',
-        type=_weight,
+        type=number_up_to(MOST_WEIGHT),
         default=DEFAULT_WEIGHT,
         metavar='N',
         help='events that what the mission file says is worth, in each of its rows; '
@@ -86,26 +86,14 @@ def _parser() -> CommandParser:
     return parser
 
 
-def _weight(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value <= MOST_WEIGHT:
-        raise argparse.ArgumentTypeError(
-            f'{quoted(text)} is not a number above 0, up to {MOST_WEIGHT:g}'
-        )
-    return value
-
-
 def _check_outputs(options: argparse.Namespace) -> None:
     """Refuse what cannot be written before the work; the old file stays for the next time."""
     out = Path(options.out)
     if out.exists() and out.samefile(options.mission):
         raise ValueError('--out: is the file of --mission, which is the prior: keep it')
     for name, path in (('--out', options.out), ('--report', options.report)):
-        if path is not None and not Path(path).parent.is_dir():
-            raise FileNotFoundError(f'{name}: there is no folder {shown(Path(path).parent)}')
+        if path is not None:
+            require_folder(name, Path(path))
     if options.report is not None and Path(options.report).suffix not in PAGE_MAKERS:
         raise ValueError(f'--report: {shown(options.report)} ends in none of .html, .md')
 

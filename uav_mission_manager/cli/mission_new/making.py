@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from uav_mission_manager.cli.check.clearance import breaches
+from uav_mission_manager.cli.errors import require_folder
 from uav_mission_manager.cli.mission_new.fitting import (
     advice,
     fitting,
@@ -56,8 +57,7 @@ def make(options: argparse.Namespace) -> None:
         Then nothing is written.
     """
     out = Path(options.out)
-    if not out.parent.is_dir():
-        raise FileNotFoundError(f'--out: there is no folder {shown(out.parent)}')
+    require_folder('--out', out)
     if out.exists() and not options.force:
         raise FileExistsError(f'{shown(out)}: exists; --force overwrites it')
     found = _read(options.file) if options.file is not None else Found('options')

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from uav_mission_manager.cli.bag_options import add_namespace, add_speedup
-from uav_mission_manager.cli.errors import CommandParser, one_line_errors
+from uav_mission_manager.cli.errors import CommandParser, one_line_errors, require_folder
 from uav_mission_manager.cli.mission_report.flight_page import flight_page
 from uav_mission_manager.cli.mission_report.flight_record import FlightRecord, flight_record
 from uav_mission_manager.cli.mission_report.policy_page import policy_page
@@ -25,8 +25,7 @@ def main(args: list[str] | None = None) -> int:
     with one_line_errors('mission_report'):
         options = _parser().parse_args(args)
         source, out = Path(options.source), Path(options.out)
-        if not out.parent.is_dir():
-            raise FileNotFoundError(f'--out: there is no folder {shown(out.parent)}')
+        require_folder('--out', out)
         if (source / MANIFEST).is_file():
             _refuse_options_of_bags(options)
             text = policy_page(load_policy(source), options.source)
