@@ -304,7 +304,7 @@ class Manager(ManagedNode):
         self._used = PolicyInUse(policy, path, self._asked.path)
         if self._journal is not None:
             self._journal.mission = goals_hash(policy.mission)
-        self._trace.adopt()
+        self._trace.adopt(wanted)
         unwanted = '' if wanted else ', not wanted: requested before this manager, which forgot'
         goals = f'; goals {", ".join(new)}{unwanted}' if new else ''
         self.get_logger().info(f'policy taken over: {self._label}{goals}')
