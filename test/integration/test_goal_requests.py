@@ -59,6 +59,7 @@ class Chain:
         ros.node.create_subscription(String, 'mission_command', self._on_command, qos.LATCHED)
         self.completed = ros.listen('goal_completed', String, qos.EVENT)
         self.goals = ros.listen('goal_states', UInt8MultiArray, qos.LATCHED)
+        self.asked = ros.listen('goal_priorities', UInt8MultiArray, qos.STATE_IN)
         ros.advertise('goal_requests', String, qos.EVENT)
         home = self.mission.grid.origin
         ros.start(
@@ -66,10 +67,13 @@ class Chain:
             *('--connection', f'udpout:127.0.0.1:{self.port}', f'--speedup={SPEEDUP}'),
             f'--origin={home.latitude},{home.longitude},{home.altitude}',
         )
-        self.base = ros.start('nodes.base_station', *parameters(mission=self.file))
+        self.start_base()
         self.start_bridge()
         self.start_manager()
         self.start_solver()
+
+    def start_base(self) -> None:
+        self.base = self.ros.start('nodes.base_station', *parameters(mission=self.file))
 
     def start_bridge(self) -> None:
         connection = f'udpin:127.0.0.1:{self.port}'
@@ -189,7 +193,9 @@ def test_a_goal_requested_in_flight_is_flown_and_its_slot_taken_again(chain: Cha
     latitude, longitude = chain.mission.grid.origin.to_geodetic(*chain.position(NEXT_PLACE))
     assert chain.nearest(NEXT_PLACE) > 10.0
     chain.until_placed(latitude=latitude, longitude=longitude, name='tree', worth=2.5, priority=1)
-    chain.until_refused('no slot is free of tree', json.dumps({'cell': PLACE}))
+    assert chain.ros.set_parameter('solver', 'max_goals', 3).successful
+    words = 'no slot is free of tree, and for a further goal it has too many, 3 of 3 at most'
+    chain.until_refused(words, json.dumps({'cell': PLACE}))
     chain.ros.until(lambda: 'commit tree' in chain.command, 'the next commitment')
     again = chain.ros.call('solver/build')
     assert again.success, again.message
@@ -230,3 +236,27 @@ def test_a_manager_that_forgot_wants_no_old_request(chain: Chain, tmp_path: Path
     chain.ros.until(lambda: chain.manager.lines('goals tree, not wanted'), 'take-over')
     chain.ros.until(lambda: chain.goals, 'goal_states')
     assert all(message.data[2] == 0 for message in chain.goals)
+
+
+def test_where_no_slot_is_free_a_goal_is_added_and_the_base_station_learns_of_it(
+    chain: Chain,
+) -> None:
+    ask(chain, [0, 2, 2])
+    chain.until_placed(cell=PLACE, name='tree', priority=1)
+    chain.until_wanted([0, 2, 2, 1])
+    assert f'goal tree in cell {PLACE}, added: ' in chain.solver.lines('goal tree')[0]
+
+    def wished(priorities: list[int]) -> bool:
+        return chain.ros.set_parameter('base_station', 'priorities', priorities).successful
+
+    chain.ros.until(lambda: wished([0, 1, 0, 2]), 'a base station that knows')
+    chain.until_wanted([0, 1, 0, 2])
+    assert not wished([0, 1])
+    assert not wished([0, 1, 0, 2, 1])
+    for process in chain.bridge, chain.base:
+        killed(process)
+    chain.start_bridge()
+    chain.start_base()
+    chain.until_done('tree')
+    chain.ros.until(lambda: chain.asked and list(chain.asked[-1].data)[3] == 0, 'hearing of it')
+    assert chain.nearest(PLACE) < Settings().acceptance_radius

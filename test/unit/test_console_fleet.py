@@ -15,7 +15,12 @@ from uav_mission_manager.console import forecasting, policies
 from uav_mission_manager.console.fleet import MOST_ANSWERS_KEPT, Fleet
 from uav_mission_manager.console.forecasting import FORECAST_LIMITS, Forecaster, goal_chances
 from uav_mission_manager.console.heard import Heard, HeardDecision, Pose
-from uav_mission_manager.console.orders import QUESTIONS, OperatorOrder, question
+from uav_mission_manager.console.orders import (
+    QUESTIONS,
+    OperatorOrder,
+    question,
+    standing_priorities,
+)
 from uav_mission_manager.console.policies import PolicyShelf
 from uav_mission_manager.mdp import load_mission, mission_from_dict
 from uav_mission_manager.mdp.placing import place_goal
@@ -214,3 +219,16 @@ def test_every_order_is_asked_for_with_vehicle_and_values(kind):
     assert '/uav1' in asked
     assert ('goal1 none, goal2 low, goal3 high' in asked) == (kind == 'priorities')
     assert ('threat is high' in asked) == (kind == 'threat')
+
+
+def test_an_order_begins_with_what_is_asked_for_and_with_goals_requested_in_flight(requested):
+    slots, placed, _ = requested
+    larger, _ = place_goal(placed.mission, '{"cell": 4}', [], 4)
+    plain = replace(slots, goals=tuple(replace(goal, slot=False) for goal in slots.goals))
+    state = (1, 1, 1, 1, 0, 1, 2, 0, 0, 0, 0)
+    assert standing_priorities(plain, (2, 2, 1), state) == (2, 2, 1)
+    assert standing_priorities(plain, (2, 2, 1), ()) == (2, 2, 1)
+    assert standing_priorities(placed.mission, (2, 2, 1), state) == (2, 2, 2)
+    longer = (1, 1, 1, 1, 1, 0, 1, 2, 1, 0, 0, 0, 0)
+    assert standing_priorities(larger, (2, 2, 1), longer) == (2, 2, 2, 1)
+    assert standing_priorities(larger, (2, 2, 1), state) == (2, 2, 0, 0)

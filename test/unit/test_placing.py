@@ -21,7 +21,7 @@ from uav_mission_manager.mdp.placing import (
     place_goal,
     with_places_of,
 )
-from uav_mission_manager.onboard import MissionManager
+from uav_mission_manager.onboard import ManagerSettings, MissionManager, parse_command
 from uav_mission_manager.onboard.situation import Situation
 from uav_mission_manager.policy.store import read_digest, read_mission
 
@@ -122,11 +122,32 @@ def test_a_bad_request_is_refused_in_one_line(text, words):
     assert len(said) < 500
 
 
-def test_a_request_without_a_free_slot_is_refused():
-    with pytest.raises(MissionError, match='goal_requests: no slot is free of goal2, goal3'):
-        place_goal(MISSION, '{"cell": 6}', [])
-    with pytest.raises(MissionError, match='goal_requests: the mission has no slots'):
-        place_goal(PLAIN, '{"cell": 6}', [])
+def test_a_request_without_a_free_slot_is_refused_where_there_are_goals_enough():
+    limit = 'and for a further goal it has too many, 3 of 3 at most'
+    with pytest.raises(MissionError, match=f'requests: no slot is free of goal2, goal3, {limit}'):
+        place_goal(MISSION, '{"cell": 6}', [], 3)
+    with pytest.raises(MissionError, match=f'goal_requests: the mission has no slots, {limit}'):
+        place_goal(PLAIN, '{"cell": 6}', [], 3)
+
+
+def added(mission: Mission = MISSION, **fields: object) -> Mission:
+    return place_goal(mission, json.dumps(fields), (), mission.k + 1)[0]
+
+
+def test_where_no_slot_is_free_a_goal_is_added_that_is_as_the_last_one_without_its_task():
+    data = yaml.safe_load(CASE_STUDY.read_text())
+    data['goals'][2] |= {'task': {'dwell': 30.0}, 'done_in': 60.0}
+    plain = mission_from_dict(data, 'file')
+    mission, slot = place_goal(plain, '{"cell": 7, "priority": 1}', [], 4)
+    assert (slot, mission.k, mission.goals[:3]) == (3, 4, plain.goals)
+    goal, last = mission.goals[3], plain.goals[2]
+    assert (goal.name, goal.cell, goal.requested) == ('placed1', 7, 1)
+    assert (goal.slot, goal.added, goal.task, goal.completion) == (True, True, None, None)
+    for field in 'eta', 'delta', 'priority_transition':
+        assert getattr(goal, field) == getattr(last, field)
+    assert place_goal(mission, '{"cell": 4}', [3], 4)[1] == 3
+    read = mission_from_dict(yaml.safe_load(yaml.safe_dump(mission.to_dict())), 'copy')
+    assert (read, read.goals[3].added) == (mission, True)
 
 
 def test_no_goal_is_placed_in_a_no_fly_area_or_outside_the_fence():
@@ -174,6 +195,11 @@ def test_a_mission_with_slots_is_written_and_read_and_has_the_same_digest():
         ({'slot': 1}, 'goals[0].slot: 1 is neither true nor false'),
         ({'requested': 2}, 'goals[0].requested: only a slot has one'),
         ({'slot': True, 'requested': 3}, 'goals[0].requested: 3 is outside 0..2'),
+        ({'added': True}, 'goals[0].added: only a slot can be'),
+        (
+            {'slot': True, 'added': True},
+            'goals[1].added: the goal before it is, so this one must be too',
+        ),
         (
             {'slot': True, 'task': {'waypoints': [[*GRID.origin.to_geodetic(50.0, -50.0)]]}},
             'goals[0].slot: has no place yet, so its task cannot be waypoints',
@@ -191,8 +217,13 @@ def test_a_bad_slot_is_refused(fields, words):
 def test_only_goals_in_slots_may_change():
     assert changed_goals(MISSION, MISSION) == ()
     assert changed_goals(MISSION, placed(cell=7)) == (1,)
+    assert changed_goals(MISSION, added(placed(cell=7), cell=4)) == (1, 3)
     moved = replace(MISSION.goals[0], cell=7)
+    further = added(cell=7)
+    with pytest.raises(ValueError, match='the policy is for other goals'):
+        changed_goals(further, MISSION)
     for other in (
+        replace(further, goals=(*MISSION.goals, replace(further.goals[3], added=False))),
         replace(MISSION, goals=(moved, *MISSION.goals[1:])),
         replace(MISSION, goals=MISSION.goals[:2]),
         with_slots(placed(cell=7), 2),
@@ -212,6 +243,14 @@ def test_slots_stay_where_they_are_in_another_version_of_the_file():
     assert kept.discount == 0.9
     assert (kept.goals[1].eta, kept.goals[2].eta) == (2.0, MISSION.goals[2].eta)
     assert [goal.requested for goal in kept.goals] == [0, 0, 2]
+
+
+def test_added_goals_stay_in_another_version_of_the_file():
+    flown = added(added(cell=7), cell=4)
+    for open_slots, requested in (([3], [2, 0]), ([3, 4], [2, 2])):
+        kept = with_places_of(replace(MISSION, discount=0.9), flown, open_slots)
+        assert (kept.discount, goals(kept)) == (0.9, goals(flown))
+        assert [goal.requested for goal in kept.goals[3:]] == requested
 
 
 # On board
@@ -261,9 +300,56 @@ def test_the_base_station_repeats_itself_and_the_new_goal_stays():
         after.with_completed('goal2')
 
 
+def test_an_added_goal_is_wanted_and_the_base_station_need_not_know_of_it():
+    before = aloft(refused=(True, False, False), commitment=1)
+    after = before.with_mission(added(cell=7, priority=1))
+    assert after.priorities == (1, 2, 1, 1)
+    assert (after.refused, after.in_range) == ((True, False, False, False), (1, 1, 1, 1))
+    assert (after.commitment, after.said) == (1, (1, 2, 1))
+    assert before.with_mission(added(cell=7), wanted=False).priorities == (1, 2, 1, 0)
+    assert after.with_priorities([1, 2, 1], 'a', 1.0).priorities == (1, 2, 1, 1)
+    assert after.with_priorities([0, 2, 1], 'a', 1.0).priorities == (0, 2, 1, 1)
+    assert after.with_priorities([2, 0, 0], 'b', 1.0).priorities == (2, 0, 0, 1)
+    assert after.with_priorities([2, 0, 0], '', 1.0).priorities == (2, 0, 0, 1)
+    assert after.with_priorities([2, 0, 0, 0], 'b', 1.0).priorities == (2, 0, 0, 0)
+    for count in 2, 5:
+        words = f'goal_priorities: data has {count} values, not 3 to 4'
+        with pytest.raises(ValueError, match=words):
+            after.with_priorities([1] * count, 'b', 1.0)
+    with pytest.raises(ValueError, match='goal_priorities: data has 2 values, not 3'):
+        before.with_priorities([1, 1], 'b', 1.0)
+
+
+def test_a_wish_that_waits_wants_an_added_goal_too():
+    waiting = replace(aloft(), settling_time=5.0).with_priorities([2, 2, 2], 'b', 1.0)
+    after = waiting.with_mission(added(cell=7, priority=1))
+    assert after.settled(20.0).priorities == (2, 2, 2, 1)
+    anew = after.with_priorities([0, 1, 2], 'c', 2.0)
+    assert anew.settled(20.0).priorities == (0, 1, 2, 1)
+
+
 @pytest.fixture(scope='module')
 def policies():
     return build_policy(MISSION), build_policy(placed(cell=7))
+
+
+@pytest.fixture(scope='module')
+def larger():
+    return build_policy(added(cell=7), 'split')
+
+
+@pytest.mark.parametrize('standing', ['recharge', 'none agile', 'commit goal3 agile'])
+def test_the_command_in_force_stays_it_where_a_goal_is_added(policies, larger, standing):
+    manager = MissionManager(policies[0], ManagerSettings(command_dwell=5.0))
+    manager.situation = replace(aloft(), priorities=(0, 0, 2))
+    manager.step(0.0)
+    memory = manager.memory
+    memory['command']['action'] = parse_command(MISSION, standing).number
+    manager = MissionManager(policies[0], ManagerSettings(command_dwell=5.0), memory)
+    assert manager.adopt(larger) == ('placed1',)
+    number = manager.memory['command']['action']
+    assert number == parse_command(larger.mission, standing).number
+    assert MissionManager(larger, memory=manager.memory).memory == manager.memory
 
 
 def test_a_manager_takes_over_and_commands_no_goal_that_is_gone(policies):

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import String
-from test_placing import GRID, MISSION, PLAIN, placed
+from test_placing import GRID, MISSION, PLAIN, added, placed
 
 from uav_mission_manager import build_policy
 from uav_mission_manager.autopilot.pilot import Pilot
@@ -84,6 +84,14 @@ def test_a_goal_that_was_requested_is_flown_to_from_the_managers_command_on(brid
     assert flown_to(bridge.command('commit goal1 normal', 5)) == ('goal1', *place_of(5))
 
 
+def test_a_goal_that_was_added_is_flown_to_from_the_managers_command_on(bridge):
+    bridge.plans.next = FlightPlan(added(cell=7, name='tree'), 20.0, 'set')
+    assert flown_to(bridge.command('commit goal2 normal', 3)) == ('goal2', *place_of(3))
+    assert bridge.plans.present is OLD
+    assert flown_to(bridge.command('commit tree normal', 7)) == ('tree', *place_of(7))
+    assert bridge.said[-1] == 'goals are now goal1, goal2, goal3, tree: set'
+
+
 def test_a_command_that_leads_elsewhere_than_its_pose_changes_no_plan(bridge):
     bridge.plans.next = NEW
     for _ in range(2):
@@ -98,6 +106,7 @@ def test_a_command_that_leads_elsewhere_than_its_pose_changes_no_plan(bridge):
     [
         (replace(PLAIN, goals=placed(cell=7).goals), ''),
         (MISSION, None),
+        (added(cell=7), ''),
         (replace(MISSION, goals=PLAIN.goals[:2]), 'the policy is for other goals'),
         (replace(MISSION, grid=replace(GRID, bearing=10.0)), 'the policy is for another grid'),
     ],

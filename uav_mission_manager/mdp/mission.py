@@ -67,7 +67,9 @@ class Goal:
     slot : bool
         Whether a goal that is requested in flight may take its place (`mdp.placing`).
     requested : int
-        Priority that the goal in a slot was requested with; 0 for none. Neither is a part of the
+        Priority that the goal in a slot was requested with; 0 for none.
+    added : bool
+        Whether it is a slot that the mission file has not. None of the three is a part of the
         decision process: missions that differ in nothing else are equal and have one digest.
     """
 
@@ -80,6 +82,7 @@ class Goal:
     completion: Row | None = None
     slot: bool = field(default=False, compare=False)
     requested: int = field(default=0, compare=False)
+    added: bool = field(default=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -255,7 +258,7 @@ class Mission:
         del data['extra_costs']
         for entry, goal in zip(data['goals'], self.goals, strict=True):
             entry['task'] = goal.task and task_to_dict(goal.task)
-            for key in ('task', 'completion', 'slot', 'requested'):
+            for key in ('task', 'completion', 'slot', 'requested', 'added'):
                 if not entry[key]:
                     del entry[key]
         data['threat']['zones'] = {str(cell): onset for cell, onset in self.threat.zones}
@@ -282,7 +285,8 @@ class Mission:
 
     def digest(self) -> str:
         """SHA-256 of the mission in canonical JSON, without areas, fleet, slots and tasks."""
-        goals = tuple(replace(goal, task=None, slot=False, requested=0) for goal in self.goals)
+        none = {'task': None, 'slot': False, 'requested': 0, 'added': False}
+        goals = tuple(replace(goal, **none) for goal in self.goals)
         data = replace(self, goals=goals, areas=Areas(), fleet=FleetRules()).to_dict()
         text = json.dumps(data, sort_keys=True, separators=(',', ':'))
         return hashlib.sha256(text.encode()).hexdigest()

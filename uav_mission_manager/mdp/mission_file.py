@@ -221,7 +221,7 @@ def _goals(
         task = section.below('task', partial(read_task, grid=grid, cell=cell))
         done = partial(_done, epoch=epoch, shared=completion)
         own = _either(section, 'completion', 'done_in', done)
-        slot = read_slot(section, task)
+        slot = read_slot(section, task, bool(goals and goals[-1].added))
         goal = Goal(name, cell, eta, delta, transition, task, own, *slot)
         if goal.name in (other.name for other in goals):
             section.fail('name', f'{quoted(goal.name)} is the name of another goal too')

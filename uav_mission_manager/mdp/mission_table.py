@@ -136,6 +136,12 @@ _GOAL = Table(
             'written by the solver: priority that the goal in a slot was requested with',
             0,
         ),
+        Field(
+            'added',
+            fields.boolean,
+            'written by the solver: whether it was requested where no slot was free',
+            False,
+        ),
     ),
     ((('eta', 'delta'), ('worth',)), ONE_WAY_OF_PRIORITIES, (('completion',), ('done_in',))),
 )

@@ -1,7 +1,8 @@
 """Goals that are requested in flight, and the slots of a mission that they take.
 
 A request is JSON: a place, and if wanted a priority, a worth and a name. The goal takes a free
-slot of the mission: a goal of the same number with another name, place and worth. All else stays.
+slot of the mission: a goal of the same number with another name, place and worth. Where none is
+free it becomes a further goal, the last one. All else stays.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ REQUEST_TABLE = Table(
         Field('latitude', fields.latitude, 'in place of cell [deg]'),
         Field('longitude', fields.longitude, '[deg]'),
         Field('priority', fields.integer(1, 2), '1 low, 2 high', 2),
-        Field('worth', fields.non_negative, "as of a mission's goals; without, the slot's", None),
+        Field('worth', fields.non_negative, "as of a mission's goals; without, as docs say", None),
         Field('name', fields.name, 'unique; without, placed and a number', None),
     ),
     ((('cell',), ('east', 'north'), ('latitude', 'longitude')),),
@@ -47,8 +48,12 @@ REQUEST_TABLE = Table(
 """The fields of a request."""
 
 
-def place_goal(mission: Mission, text: str, free: Collection[int]) -> tuple[Mission, int]:
+def place_goal(
+    mission: Mission, text: str, free: Collection[int], most: int = 0
+) -> tuple[Mission, int]:
     """Return the mission with a requested goal in a slot, and the number of that slot from 0.
+
+    A further goal is as the last one in all that the request does not say, but has no task.
 
     Parameters
     ----------
@@ -57,12 +62,15 @@ def place_goal(mission: Mission, text: str, free: Collection[int]) -> tuple[Miss
         The request.
     free : collection of int
         Numbers of the slots that may be taken; the first one is.
+    most : int
+        Goals that the mission may have for a further one, at most.
 
     Raises
     ------
     MissionError
         One line: the request is none, its place is off the grid, in a no-fly area or outside the
-        fence, its name is one of the mission's, or no slot is free.
+        fence, its name is one of the mission's, or no slot is free and there are too many goals
+        for a further one.
     """
     section = Section(REQUEST_TABLE, _read_json(text), SOURCE)
     cell = _cell(section, mission)
@@ -72,11 +80,16 @@ def place_goal(mission: Mission, text: str, free: Collection[int]) -> tuple[Miss
         section.fail('name', f'{quoted(name)} is, or was last, the name of a goal')
     epoch = Epoch(mission.grid.cell_size, mission.energy.speed if mission.energy else None)
     worth, requested = section.get('worth', epoch.minute), section.get('priority')
-    if not free:
+    slot = min(free, default=mission.k)
+    if slot < mission.k:
+        there = mission.goals[slot]
+    elif mission.k < most:
+        there = replace(mission.goals[-1], task=None, completion=None, slot=True, added=True)
+    else:
         slots = ', '.join(goal.name for goal in mission.goals if goal.slot)
-        _refuse(f'no slot is free of {shown(slots)}' if slots else 'the mission has no slots')
-    slot = min(free)
-    goal = replace(mission.goals[slot], name=name, cell=cell, requested=requested)
+        none = f'no slot is free of {shown(slots)}' if slots else 'the mission has no slots'
+        _refuse(f'{none}, and for a further goal it has too many, {mission.k} of {most} at most')
+    goal = replace(there, name=name, cell=cell, requested=requested)
     if worth is not None:
         goal = replace(goal, eta=worth, delta=worth)
     goals = *mission.goals[:slot], goal, *mission.goals[slot + 1 :]
@@ -86,7 +99,7 @@ def place_goal(mission: Mission, text: str, free: Collection[int]) -> tuple[Miss
 
 
 def with_places_of(mission: Mission, placed: Mission, open_slots: Collection[int]) -> Mission:
-    """Return a mission whose slots are where those of another one are.
+    """Return a mission whose slots are where those of another one are, with its added goals.
 
     What was requested stays so for the `open_slots` alone, lest a goal that is done is revived.
 
@@ -96,29 +109,25 @@ def with_places_of(mission: Mission, placed: Mission, open_slots: Collection[int
         As `changed_goals` does.
     """
     changed_goals(mission, placed)
-    return replace(
-        mission,
-        goals=tuple(
-            replace(
-                own,
-                **{key: getattr(other, key) for key in ('name', 'cell', 'eta', 'delta')},
-                requested=other.requested if number in open_slots else 0,
-            )
-            if own.slot
-            else own
-            for number, (own, other) in enumerate(zip(mission.goals, placed.goals, strict=True))
-        ),
-    )
+    goals = []
+    for number, other in enumerate(placed.goals):
+        goal = mission.goals[number] if number < mission.k else other
+        if goal.slot:
+            there = {key: getattr(other, key) for key in ('name', 'cell', 'eta', 'delta')}
+            requested = other.requested if number in open_slots else 0
+            goal = replace(goal, **there, requested=requested)
+        goals.append(goal)
+    return replace(mission, goals=tuple(goals))
 
 
 def changed_goals(old: Mission, new: Mission) -> tuple[int, ...]:
-    """Return the numbers, from 0, of the goals that a mission has in place of another one's.
+    """Return the numbers, from 0, of the goals that a mission has and another one has not.
 
     Raises
     ------
     ValueError
         One line: it cannot follow that one in flight, as it has another grid, or other goals than
-        in slots.
+        in slots and added ones.
     """
     if old.grid != new.grid:
         raise ValueError('the policy is for another grid')
@@ -128,11 +137,12 @@ def changed_goals(old: Mission, new: Mission) -> tuple[int, ...]:
         if (was.name, was.cell) != (now.name, now.cell)
     )
     bound = [old.goals[j].name for j in changed if not (old.goals[j].slot and new.goals[j].slot)]
-    if bound or old.k != new.k:
+    further = new.goals[old.k :]
+    if bound or new.k < old.k or not all(goal.added for goal in further):
         raise ValueError(
             f'the policy is for other goals: {_listed(new.goals)}, not {_listed(old.goals)}'
         )
-    return changed
+    return *changed, *range(old.k, new.k)
 
 
 def _listed(goals: Collection[Goal]) -> str:

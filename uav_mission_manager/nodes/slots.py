@@ -65,8 +65,8 @@ class SlotsInFlight:
             qos_overriding_options=qos.OVERRIDABLE,
         )
 
-    def place(self, mission: Mission, out: Path, text: str) -> tuple[Placement, str]:
-        """Write the mission with a requested goal in a free slot; say what takes which.
+    def place(self, mission: Mission, out: Path, most: int, text: str) -> tuple[Placement, str]:
+        """Write the mission with a requested goal in a free slot, or added; say which.
 
         Parameters
         ----------
@@ -74,6 +74,8 @@ class SlotsInFlight:
             Of the mission file.
         out : Path
             Of its policy set.
+        most : int
+            See `place_goal`.
         text : str
             The request.
 
@@ -90,9 +92,10 @@ class SlotsInFlight:
         flown = self._flown(mission, out)
         slots = [j for j, goal in enumerate(flown.goals) if goal.slot]
         free = [j for j in slots if not self._is_open(flown.goals[j].name)]
-        placed, slot = place_goal(flown, text, free)
+        placed, slot = place_goal(flown, text, free, most)
         goal = placed.goals[slot]
-        said = f'goal {goal.name} in cell {goal.cell}, in place of {flown.goals[slot].name}'
+        of = f'in place of {flown.goals[slot].name}' if slot < flown.k else 'added'
+        said = f'goal {goal.name} in cell {goal.cell}, {of}'
         return self._written(placed, out), said
 
     def kept(self, mission: Mission, out: Path) -> Placement | None:

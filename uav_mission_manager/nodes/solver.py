@@ -40,6 +40,14 @@ PARAMETERS = (
         'method', DEFAULT_METHOD, f'How the policy is made: {", ".join(METHODS)}', read_only=False
     ),
     NodeParameter(
+        'max_goals',
+        6,
+        'Goals of a mission up to which a requested one is added where no slot is free',
+        0,
+        100,
+        read_only=False,
+    ),
+    NodeParameter(
         'out',
         '',
         'Directory of the policy set; empty is uav_mission_manager/MISSION in ROS_HOME (~/.ros)',
@@ -68,7 +76,7 @@ REQUEST_REFUSED = 'goal request refused'
 class Solver(Node):
     """Builds a policy set when `~/build` is called and announces it on `policy_set`.
 
-    So it does when a goal is requested on `goal_requests`, of the mission with that goal in a slot
+    So it does when a goal is requested on `goal_requests`, of the mission with that goal
     (`mdp.placing`). The build is a process of its own, one at a time. One that fails, or that ends
     with the node, announces nothing and leaves the old policy set as it is.
     """
@@ -116,9 +124,8 @@ class Solver(Node):
         if self._building:
             return False, f'{self._building} is being built; call again when it is done'
         try:
-            mission_file, method, out = (
-                row.checked(self.get_parameter(row.name).value) for row in PARAMETERS
-            )
+            given = self._given()
+            mission_file, method, out = given['mission'], given['method'], given['out']
             self._building = shown(mission_file)
             mission = await in_thread(self, partial(load_mission, mission_file))
             place = Path(out).resolve() if out else _default_out(mission.name)
@@ -134,14 +141,19 @@ class Solver(Node):
         self._slots.announced(built.digest)
         return True, built.said
 
+    def _given(self) -> dict[str, Any]:
+        """Values of the parameters now. Raises `ValueError`."""
+        return {row.name: row.checked(self.get_parameter(row.name).value) for row in PARAMETERS}
+
     async def _build_again(self, asked: Placement, method: str) -> BuiltSet:
         """Build the set of a mission; goals in its slots stay where they are."""
         kept = await in_thread(self, partial(self._slots.kept, asked.mission, asked.out))
         return await self._build(kept or asked, method)
 
     async def _place(self, text: str, asked: Placement, method: str) -> BuiltSet:
-        """Build the set of a mission with a requested goal in a free slot."""
-        look = partial(self._slots.place, asked.mission, asked.out, text)
+        """Build the set of a mission with a requested goal."""
+        most = self._given()['max_goals']
+        look = partial(self._slots.place, asked.mission, asked.out, most, text)
         placement, said = await in_thread(self, look)
         built = await self._build(placement, method)
         return replace(built, said=f'{said}: {built.said}')

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -148,7 +148,7 @@ class MissionManager:
         ----------
         policy : Policy
         wanted : bool
-            Whether goals that are new in slots are wanted as they were requested, or not at all.
+            Whether goals that are new are wanted as they were requested, or not at all.
 
         Returns
         -------
@@ -158,13 +158,13 @@ class MissionManager:
         Raises
         ------
         ValueError
-            If it is for another grid, or for other goals than in slots, or has no energy model.
+            If it is for another grid or other goals, see `changed_goals`, or has no energy model.
         """
         others = changed_goals(self.policy.mission, policy.mission)
         self.situation = self.situation.with_mission(policy.mission, wanted)
         self.policy = policy
-        if self._standing is not None and self._standing.action.goal in others:
-            self._standing = None
+        if self._standing is not None:
+            self._standing = _standing_in(policy.mission, self._standing, others)
         return tuple(policy.mission.goals[j].name for j in others)
 
     def adjust(self, settings: ManagerSettings) -> None:
@@ -196,6 +196,18 @@ class MissionManager:
     def snapshot(self) -> dict[str, Any]:
         """What another one needs to decide from here on as this one does, as JSON values."""
         return {**self.memory, 'now': situation_now(self.situation)}
+
+
+def _standing_in(
+    mission: Mission, standing: StandingCommand, others: Sequence[int]
+) -> StandingCommand | None:
+    """Return a command as that of a mission which follows; None if its goal is gone."""
+    was = standing.action
+    if was.goal in others:
+        return None
+    same = (was.kind, was.goal, was.agile)
+    actions = (a for a in global_actions(mission) if (a.kind, a.goal, a.agile) == same)
+    return replace(standing, action=next(actions))
 
 
 def _remembered_command(

@@ -18,8 +18,8 @@ def goals_of(
 ) -> dict[str, Any]:
     """Return what a situation knows of the goals of another mission, by attribute.
 
-    A goal that is new, in a slot, is in range until that is known better, and was not refused.
-    Nobody is committed to it. All others stay as they are.
+    A goal that is new is in range until that is known better, and was not refused. Nobody is
+    committed to it. All others stay as they are.
 
     Parameters
     ----------
@@ -39,14 +39,16 @@ def goals_of(
     asked = {j: mission.goals[j].requested if wanted else 0 for j in new}
 
     def renewed(priorities: tuple[int, ...]) -> tuple[int, ...]:
-        return tuple(asked.get(j, g) for j, g in enumerate(priorities))
+        further = (0,) * (mission.k - len(priorities))
+        return tuple(asked.get(j, g) for j, g in enumerate((*priorities, *further)))
 
+    were = (*situation.refused, *(False for _ in situation.mission.goals))[: mission.k]
     pending = situation.wish.pending
     pending = pending and replace(pending, priorities=renewed(pending.priorities))
     return {
-        'dangers': situation.dangers.without({dangers[j] for j in new}),
+        'dangers': situation.dangers.without({dangers[j] for j in new if j < len(dangers)}),
         'priorities': renewed(situation.priorities),
-        'refused': tuple(was and j not in asked for j, was in enumerate(situation.refused)),
+        'refused': tuple(was and j not in asked for j, was in enumerate(were)),
         # What the base station says of the slot is about the goal that was there.
         'said': tuple(0 if j in asked else g for j, g in enumerate(situation.said)),
         'wish': replace(situation.wish, pending=pending),

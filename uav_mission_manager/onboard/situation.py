@@ -143,25 +143,25 @@ class Situation:
         return self._heard('threat_level', now)._endangered(there, THREAT_DANGERS)
 
     def with_priorities(self, values: Sequence[int], request: str, now: float) -> Situation:
-        """Take a request for the priorities of all goals.
+        """Take a request for the priorities of all goals; added ones that it leaves out stay.
 
         A request with the id of the last one is its repetition: what it asks for no more has been
         achieved, else it changes nothing. A new one counts at once if nothing is wanted any more,
         or the last change is `settling_time` ago; else it must last so long. It then forgets which
         goals were refused; one without id, which may be repeated, only those that it changes.
         """
-        priorities = checked_priorities(values, self.mission)
+        said = checked_priorities(values, self.mission)
         heard = self._heard('goal_priorities', now)
         last = heard.wish.pending or GoalRequest(heard.priorities, heard.request)
         if request and request == last.id:
-            return heard._repeated(priorities)
-        if not request and priorities == last.priorities:
+            return heard._repeated(said)
+        asked = GoalRequest(said + last.priorities[len(said) :], request or last.id)
+        if not request and asked.priorities == last.priorities:
             return heard
-        heard = replace(heard, said=priorities if request else heard.said)
-        asked = GoalRequest(priorities, request or last.id)
+        heard = replace(heard, said=said if request else heard.said)
         if request == heard.request != '':  # The one in force, after another one.
             return replace(heard, wish=Wish(None, heard.time))
-        if not any(priorities) or heard.wish.lasts(heard.time, self.settling_time):
+        if not any(asked.priorities) or heard.wish.lasts(heard.time, self.settling_time):
             return heard._granted(asked, heard.time)
         return replace(heard, wish=Wish(asked, heard.time))
 
