@@ -37,10 +37,10 @@ def parameters(**given: object) -> list[str]:
 class Chain:
     """All nodes of a vehicle, the solver and a simulated autopilot."""
 
-    def __init__(self, ros: Ros, folder: Path) -> None:
+    def __init__(self, ros: Ros, folder: Path, slot: bool = True) -> None:
         self.ros, self.file = ros, folder / 'mission.yaml'
         data = yaml.safe_load((ROOT / 'config' / 'case_study.yaml').read_text())
-        data['goals'][2] |= {'name': 'spare', 'cell': 0, 'slot': True}
+        data['goals'][2] |= {'name': 'spare', 'cell': 0, 'slot': slot}
         data['threat']['zones'] = {}
         data['threat']['onset'] = 0.0
         origin = load_mission(ROOT / 'config' / 'case_study.yaml').grid
@@ -239,24 +239,29 @@ def test_a_manager_that_forgot_wants_no_old_request(chain: Chain, tmp_path: Path
 
 
 def test_where_no_slot_is_free_a_goal_is_added_and_the_base_station_learns_of_it(
-    chain: Chain,
+    ros: Ros, tmp_path: Path
 ) -> None:
-    ask(chain, [0, 2, 2])
+    chain = Chain(ros, tmp_path, slot=False)
+    ask(chain, [0, 2, 0])
     chain.until_placed(cell=PLACE, name='tree', priority=1)
-    chain.until_wanted([0, 2, 2, 1])
     assert f'goal tree in cell {PLACE}, added: ' in chain.solver.lines('goal tree')[0]
 
     def wished(priorities: list[int]) -> bool:
         return chain.ros.set_parameter('base_station', 'priorities', priorities).successful
 
-    chain.ros.until(lambda: wished([0, 1, 0, 2]), 'a base station that knows')
-    chain.until_wanted([0, 1, 0, 2])
+    def held(priorities: list[int]) -> bool:
+        return any(list(message.data) == priorities for message in chain.goals)
+
+    ros.until(lambda: held([0, 2, 0, 1]) or held([0, 0, 0, 1]), 'the goal as requested')
+    ros.until(lambda: wished([0, 0, 0, 2]), 'a base station that knows')
+    ros.until(lambda: held([0, 0, 0, 2]), 'what was asked for')
     assert not wished([0, 1])
     assert not wished([0, 1, 0, 2, 1])
     for process in chain.bridge, chain.base:
         killed(process)
     chain.start_bridge()
     chain.start_base()
-    chain.until_done('tree')
-    chain.ros.until(lambda: chain.asked and list(chain.asked[-1].data)[3] == 0, 'hearing of it')
+    chain.asked.clear()
+    ros.until(lambda: chain.asked and len(chain.asked[-1].data) == 4, 'the next base station')
+    chain.until_wanted([0, 0, 0, 0])
     assert chain.nearest(PLACE) < Settings().acceptance_radius

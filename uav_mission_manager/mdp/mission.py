@@ -285,8 +285,9 @@ class Mission:
 
     def digest(self) -> str:
         """SHA-256 of the mission in canonical JSON, without areas, fleet, slots and tasks."""
-        none = {'task': None, 'slot': False, 'requested': 0, 'added': False}
-        goals = tuple(replace(goal, **none) for goal in self.goals)
+        goals = tuple(
+            replace(goal, task=None, slot=False, requested=0, added=False) for goal in self.goals
+        )
         data = replace(self, goals=goals, areas=Areas(), fleet=FleetRules()).to_dict()
         text = json.dumps(data, sort_keys=True, separators=(',', ':'))
         return hashlib.sha256(text.encode()).hexdigest()
