@@ -307,6 +307,12 @@ def test_an_added_goal_is_wanted_and_the_base_station_need_not_know_of_it():
     assert (after.refused, after.in_range) == ((True, False, False, False), (1, 1, 1, 1))
     assert (after.commitment, after.said) == (1, (1, 2, 1))
     assert before.with_mission(added(cell=7), wanted=False).priorities == (1, 2, 1, 0)
+    many = MISSION
+    for cell in range(MISSION.k + 1):
+        many = added(many, cell=cell)
+    late = before.with_mission(many)
+    assert late.priorities == (1, 2, 1, 2, 2, 2, 2)
+    assert late.refused == (True, *(False,) * 6)
     assert after.with_priorities([1, 2, 1], 'a', 1.0).priorities == (1, 2, 1, 1)
     assert after.with_priorities([0, 2, 1], 'a', 1.0).priorities == (0, 2, 1, 1)
     assert after.with_priorities([2, 0, 0], 'b', 1.0).priorities == (2, 0, 0, 1)

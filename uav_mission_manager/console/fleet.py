@@ -14,6 +14,7 @@ from uav_mission_manager.console.orders import OperatorOrder
 from uav_mission_manager.console.policies import PolicyShelf
 from uav_mission_manager.console.view import VehicleView, view_of
 from uav_mission_manager.console.words import staleness
+from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import Mission
 from uav_mission_manager.policy import Policy
 
@@ -92,9 +93,8 @@ class Fleet:
         if policy:
             return policy.mission
         goals = heard.decision.value.goals if heard.decision else ()
-        return next(
-            (m for m in self.missions if goals in ((), tuple(goal.name for goal in m.goals))), None
-        )
+        same = (m for m in self.missions if goals in ((), tuple(shown(g.name) for g in m.goals)))
+        return next(same, None)
 
     def view(self, vehicle: str) -> VehicleView:
         """Return what to show of a vehicle now."""

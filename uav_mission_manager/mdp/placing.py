@@ -40,7 +40,9 @@ REQUEST_TABLE = Table(
         Field('latitude', fields.latitude, 'in place of cell [deg]'),
         Field('longitude', fields.longitude, '[deg]'),
         Field('priority', fields.integer(1, 2), '1 low, 2 high', 2),
-        Field('worth', fields.non_negative, "as of a mission's goals; without, as docs say", None),
+        Field(
+            'worth', fields.non_negative, 'as of goals; without, that of slot or last goal', None
+        ),
         Field('name', fields.name, 'unique; without, placed and a number', None),
     ),
     ((('cell',), ('east', 'north'), ('latitude', 'longitude')),),

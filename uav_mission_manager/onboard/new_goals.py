@@ -38,17 +38,19 @@ def goals_of(
     new = changed_goals(situation.mission, mission)
     asked = {j: mission.goals[j].requested if wanted else 0 for j in new}
 
-    def renewed(priorities: tuple[int, ...]) -> tuple[int, ...]:
-        further = (0,) * (mission.k - len(priorities))
-        return tuple(asked.get(j, g) for j, g in enumerate((*priorities, *further)))
+    further = mission.k - situation.mission.k
+    refused = (*situation.refused, *(False,) * further)
 
-    were = (*situation.refused, *(False for _ in situation.mission.goals))[: mission.k]
+    def renewed(priorities: tuple[int, ...]) -> tuple[int, ...]:
+        known = *priorities, *(0,) * further
+        return tuple(asked.get(j, g) for j, g in enumerate(known))
+
     pending = situation.wish.pending
     pending = pending and replace(pending, priorities=renewed(pending.priorities))
     return {
         'dangers': situation.dangers.without({dangers[j] for j in new if j < len(dangers)}),
         'priorities': renewed(situation.priorities),
-        'refused': tuple(was and j not in asked for j, was in enumerate(were)),
+        'refused': tuple(was and j not in asked for j, was in enumerate(refused)),
         # What the base station says of the slot is about the goal that was there.
         'said': tuple(0 if j in asked else g for j, g in enumerate(situation.said)),
         'wish': replace(situation.wish, pending=pending),

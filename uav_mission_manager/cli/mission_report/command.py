@@ -89,7 +89,7 @@ def _check_states(bag: str, record: FlightRecord) -> None:
 def _check_mission(bag: str, record: FlightRecord, policy: Policy) -> None:
     """Refuse decisions that no policy of this mission can have made."""
     mission = policy.mission
-    actions, goals = 2 * mission.k + 4, tuple(goal.name for goal in mission.goals)
+    actions, goals = 2 * mission.k + 4, tuple(shown(goal.name) for goal in mission.goals)
     for at, decision in record.decided:
         if not decision.state:
             continue
