@@ -21,11 +21,18 @@ IMPROVEMENT = 1e-12
 
 
 def independent(*marginals):
-    """Outcomes of independent variables, each a list of (value, probability): lists of values."""
-    for outcome in itertools.product(*marginals):
-        probability = math.prod(p for _, p in outcome)
-        if probability > 0:
-            yield [value for value, _ in outcome], probability
+    """Outcomes of independent variables, each a list of (value, probability): [(values, p)].
+
+    A variable may name a value more than once.
+    """
+    outcomes = [((), 1.0)]
+    for marginal in marginals:
+        total = dict.fromkeys((value for value, p in marginal if p > 0), 0.0)
+        for value, p in marginal:
+            if p > 0:
+                total[value] += p
+        outcomes = [((*values, v), p * q) for values, p in outcomes for v, q in total.items()]
+    return outcomes
 
 
 class BruteForce:
@@ -223,15 +230,21 @@ class BruteForce:
         threats = self.threat_outcomes(t, after)
         on_site = self.goal_on_site(state, action)
         done = self.completion(f, on_site) if on_site else 0.0
+        outcomes = []
         for completed, weight in ((True, done), (False, 1.0 - done)):
             if weight == 0:
                 continue
             goals = [self.priority_outcomes(j, g[j]) for j in range(self.k)]
             if completed:
                 goals[on_site - 1] = [(0, 1.0)]
-            c_next = 0 if completed else commitment
-            for values, p in independent(faults, *flags, *goals, threats):
-                yield (*values[:-1], after, c_next, values[-1], agile), weight * p
+            c = 0 if completed else commitment
+            outcomes += [
+                ((*values, after, c, threat, agile), weight * p * q)
+                for values, p in independent(faults, *flags, *goals)
+                for threat, q in threats
+                if q > 0
+            ]
+        return outcomes
 
 
 @dataclass(frozen=True)
@@ -262,11 +275,9 @@ def matrices(model):
         key = (*state[:-3], state[-2], action)
         if key not in known:
             known[key] = len(known)
-            row = {}
-            for after, p in model.successors(state, action):
-                row[number[after]] = row.get(number[after], 0.0) + p
-            columns.extend(row)
-            data.extend(row.values())
+            after, p = zip(*model.successors(state, action))
+            columns.extend(map(number.__getitem__, after))
+            data.extend(p)
             indptr.append(len(data))
         row_of[i, action - 1] = known[key]
     rows = sparse.csr_matrix((data, columns, indptr), shape=(len(known), shape[0]))

@@ -8,13 +8,20 @@ from pathlib import Path
 import pytest
 from ros_helpers import Ros, ros_domain
 
-LONGEST = 'test_survey_flight.py', 'test_demo.py', 'test_fleet.py', 'test_plan_flight.py'
-"""Files whose tests take minutes: begun last, all others would have to wait for them."""
+LONGEST = (
+    'test_the_policy_recharges_before_any_goal_is_out_of_range',
+    'test_both_missions_end_with_every_goal_achieved_and_the_vehicle_home',
+)
+"""Flights that take more than a minute: begun last, all others would have to wait for them."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the longest."""
-    items.sort(key=lambda item: item.path.name not in LONGEST)
+    """Begin with the longest, each beside a short one: processes get two tests at a time."""
+
+    long = sorted((i for i in items if i.name in LONGEST), key=lambda i: LONGEST.index(i.name))
+    short = [item for item in items if item.name not in LONGEST]
+    pairs = [item for pair in zip(long, short) for item in pair]
+    items[:] = [*pairs, *long[len(short) :], *short[len(long) :]]
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ from uav_mission_manager.mdp import Mission, load_mission
 from uav_mission_manager.nodes import qos
 
 PLAN = ROOT / 'config' / 'plans' / 'field.plan'
-SPEEDUP, SLOW = 16.0, 2.0
+SPEEDUP, SLOW = 16.0, 1.0
 POSITION_INTERVAL = 100_000.0
 """Simulated time [us] between two positions of the vehicle."""
 

@@ -10,7 +10,7 @@ import pytest
 from shapely.geometry import LineString, Polygon, shape
 from strategies import case_study
 
-from uav_mission_manager.cli.check import tasks_and_areas
+from uav_mission_manager.cli.check import solving, tasks_and_areas
 from uav_mission_manager.cli.check.facts import goal_facts
 from uav_mission_manager.cli.check.geojson import geojson
 from uav_mission_manager.cli.check.html_page import html_page
@@ -280,7 +280,9 @@ def test_across_the_180th_meridian_waypoints_are_points():
     assert west < -179.9
 
 
-def test_the_terminal_and_json_name_tasks_and_areas(tmp_path, capsys):
+def test_the_terminal_and_json_name_tasks_and_areas(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(solving, 'MAX_SENSITIVITY_SECONDS', 0.0)  # Nobody looks at them here.
+    monkeypatch.setattr(solving, 'DRAWN_EPOCHS', 2000)
     mission = with_areas([BESIDE], CLEAR, round_of((140, -10), (160, 10)))
     path = tmp_path / 'mission.yaml'
     path.write_text(json.dumps(mission.to_dict()))

@@ -254,7 +254,7 @@ def test_a_path_that_is_not_there_is_told_once_and_plainly(
     places = {
         'BAG': root / BAG,
         'SHIPPED': SHIPPED,
-        'MISSION': CASE_STUDY,
+        'MISSION': root / 'config' / 'case_one.yaml',
         'PLAN': root / 'config' / 'plans' / 'field.plan',
     }
     monkeypatch.chdir(tmp_path)

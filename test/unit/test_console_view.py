@@ -208,7 +208,7 @@ def test_why_in_one_sentence_with_the_second_best():
     assert now.headline.text == 'GO FOR REPAIR'
     assert now.reason == 'goal2 has high priority'
     assert now.second == 'second best: recharge, costs +1.11'
-    assert now.closeness == 'within 2.3% of the best possible'
+    assert now.closeness == Fact('within 2.3% of the best possible', 'good')
 
 
 @pytest.mark.parametrize(
@@ -226,17 +226,17 @@ def test_commands_in_large_words(command, words):
 
 
 @pytest.mark.parametrize(
-    ('lower', 'upper', 'cost', 'words'),
+    ('lower', 'upper', 'cost', 'words', 'tone'),
     [
-        (100.0, 100.01, 100.0, 'the best possible, proved'),
-        (100.0, 102.3, 101.0, 'within 2.3% of the best possible'),
-        (100.0, math.inf, 105.0, 'within 5.0% of the best possible by its own estimate'),
-        (math.nan, math.inf, 105.0, 'how good it is at best is not known'),
-        (0.0, 10.0, 5.0, 'how good it is at best is not known'),
+        (100.0, 100.01, 100.0, 'the best possible, proved', 'good'),
+        (100.0, 102.3, 101.0, 'within 2.3% of the best possible', 'good'),
+        (100.0, math.inf, 105.0, 'within 5.0% of the best possible by its own estimate', ''),
+        (math.nan, math.inf, 105.0, 'how good it is at best is not known', 'idle'),
+        (0.0, 10.0, 5.0, 'how good it is at best is not known', 'idle'),
     ],
 )
-def test_how_close_to_the_best(lower, upper, cost, words):
-    assert closeness(lower, upper, cost) == words
+def test_how_close_to_the_best(lower, upper, cost, words, tone):
+    assert closeness(lower, upper, cost) == Fact(words, tone)
 
 
 def test_bars_are_extra_costs_and_the_choice_has_none():

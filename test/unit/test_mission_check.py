@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import math
 import re
+from functools import cache
 
 import pytest
 import yaml
@@ -202,10 +205,17 @@ def test_an_implausible_mission_gets_its_warning(document, field, says):
     assert all(re.fullmatch(r'[^\n]{20,300}', str(f)) for f in found)
 
 
+@cache
+def answer_of(path):
+    """The answer of `mission_check --strict --json`, which finds nothing to warn of."""
+    with contextlib.redirect_stdout(io.StringIO()) as said:
+        assert main([str(path), '--strict', '--json']) == 0
+    return json.loads(said.getvalue())
+
+
 @pytest.mark.parametrize('path', SHIPPED, ids=lambda path: path.stem)
-def test_shipped_missions_get_none(path, capsys):
-    assert main([str(path), '--strict', '--json']) == 0
-    answer = json.loads(capsys.readouterr().out)
+def test_shipped_missions_get_none(path):
+    answer = answer_of(path)
     assert (answer['warnings'], answer['notes'], answer['not_checked']) == ([], [], '')
 
 
@@ -281,9 +291,8 @@ def test_a_mission_too_large_to_be_solved_says_what_is_not_checked(tmp_path, cap
     assert 'policy_build --method auto takes expansion: ' in printed
 
 
-def test_json_has_the_ways_and_ranges(capsys):
-    assert main([str(CASE_STUDY), '--json']) == 0
-    answer = json.loads(capsys.readouterr().out)
+def test_json_has_the_ways_and_ranges():
+    answer = answer_of(CASE_STUDY)
     goal = answer['goals'][1]
     # Cells 0, 3 and 1 lie in one row, 50 m each.
     assert (goal['from_base'], goal['to_service'], goal['needed']) == (150.0, 100.0, 250.0)
@@ -299,11 +308,10 @@ def test_json_has_the_ways_and_ranges(capsys):
     assert max(answer['sensitivities'], key=lambda s: abs(s['relative']))['name'] == 'discount'
 
 
-def test_the_keys_of_json_are_documented(capsys):
+def test_the_keys_of_json_are_documented():
     text = (share_directory() / 'docs' / 'mission_check.md').read_text('utf-8')
     rows = re.findall(r'^\| (`[^|]*) \| ', text[text.index('`--json` prints') :], re.MULTILINE)
-    assert main([str(SHIPPED[0]), '--json']) == 0
-    answer = json.loads(capsys.readouterr().out)
+    answer = answer_of(SHIPPED[0])
     assert set(re.findall(r'`(\w+)`', ' '.join(rows))) == set(answer)
 
 
@@ -412,7 +420,7 @@ def test_the_charge_is_unknown_where_none_is_enough():
 def test_a_file_that_cannot_be_written_is_named(tmp_path, option):
     place = tmp_path / 'no_folder' / 'out'
     with pytest.raises(SystemExit) as ended:
-        main([str(CASE_STUDY), option, str(place)])
+        main([str(SHIPPED[0]), option, str(place)])
     assert ended.value.code == (
         f'mission_check: {place}: cannot be written: No such file or directory'
     )

@@ -197,7 +197,7 @@ def test_the_story_is_in_order_and_has_what_was_heard(page: Page) -> None:
 def test_why_it_turned_back_is_in_the_first_lines(page: Page) -> None:
     words = ''.join(page.words)
     for command, how in (
-        ('recharge', 'stayed in the service cell to recharge'),
+        ('recharge', 'went to recharge, in the service cell already'),
         ('repair', 'went for repair'),
     ):
         [(at, reason)] = [

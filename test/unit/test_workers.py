@@ -61,12 +61,17 @@ def test_a_pool_keeps_the_order():
         assert list(pool.run([partial(pow, n, 2) for n in range(50)])) == [n**2 for n in range(50)]
 
 
-def test_load_on_the_machine_changes_no_byte(tmp_path):
-    mission = many_goals(4)
-    quiet = contents(build_policy(mission, 'expansion', order=2), tmp_path / 'a')
+@pytest.mark.parametrize(('k', 'certificate'), [(4, False), (3, True)])
+def test_load_on_the_machine_changes_no_byte(k, certificate, tmp_path):
+    """Of the fit of four goals, and of a certificate: that of four takes ten times as long."""
+
+    def build():
+        return build_policy(many_goals(k), 'expansion', order=2, certificate=certificate)
+
+    quiet = contents(build(), tmp_path / 'a')
     busy = subprocess.Popen([sys.executable, '-c', 'while True: pass'])
     try:
-        assert contents(build_policy(mission, 'expansion', order=2), tmp_path / 'b') == quiet
+        assert contents(build(), tmp_path / 'b') == quiet
     finally:
         busy.kill()
         busy.wait()

@@ -66,7 +66,7 @@ def now_html(now: NowAndWhy) -> str:
         f'<div class="now {head.tone}"><div class="headline">{escape(head.text)}</div>'
         f'<div class="note">{escape(head.note)}</div><div class="reason">{escape(now.reason)}'
         f'</div><div class="second">{escape(now.second)}</div>'
-        f'<div class="close">{escape(now.closeness)}</div></div>'
+        f'<div class="close {now.closeness.tone}">{escape(now.closeness.text)}</div></div>'
     )
 
 

@@ -87,7 +87,8 @@ overflow-wrap:anywhere}.now.stale .headline,.now.stale .reason{color:var(--stale
 .other{margin-top:.5rem;border-left:5px solid var(--line);padding-left:.5rem}
 .other .headline{font-weight:700}.other.differs{border-color:var(--warning)}
 .other.differs .headline{font-size:1.3rem}.other .reason{font-weight:600}
-.now .close{font-size:1.05rem;color:var(--good);font-weight:600}
+.now .close{font-size:1.05rem;font-weight:600}.now .close.good{color:var(--good)}
+.now .close.idle{color:var(--dim);font-weight:400}
 h2{font-size:.85rem!important;font-weight:400;color:var(--dim);margin:.5rem 0 .15rem;
 line-height:1.2!important}
 .bar{display:grid;grid-template-columns:minmax(0,12.5rem) minmax(3rem,1fr) 4.2rem;gap:.5rem;

@@ -25,6 +25,8 @@ from uav_mission_manager.mdp import Mission, action_name, global_actions
 MOST_BARS = 12
 """Bars of actions, and of sub-MDPs, at most: a choice, of a mission of four goals all."""
 
+UNSAID = Fact('')
+
 PartValues = Sequence[tuple[tuple[int, ...], float]]
 """Goals, from 0, and share of the expected cost of each part of a policy."""
 
@@ -51,7 +53,7 @@ class NowAndWhy:
         One sentence.
     second : str
         The second best, and what it would cost more.
-    closeness : str
+    closeness : Fact
         How far the policy is from the best possible.
     actions, parts : tuple of Bar
         The extra cost of each action that is allowed, and the share of each sub-MDP in the cost.
@@ -64,7 +66,7 @@ class NowAndWhy:
     headline: Fact
     reason: str
     second: str = ''
-    closeness: str = ''
+    closeness: Fact = UNSAID
     actions: tuple[Bar, ...] = ()
     parts: tuple[Bar, ...] = ()
     forbidden: tuple[str, ...] = ()

@@ -168,12 +168,16 @@ def headline(command: str, at_base: bool = False) -> str:
     return f'GO TO {name}' + (', EVADING' if mode == 'agile' else '')
 
 
-def closeness(lower: float, upper: float, cost: float) -> str:
-    """Say how far the policy is from the best possible, by bounds and the cost it expects."""
+def closeness(lower: float, upper: float, cost: float) -> Fact:
+    """Say how far the policy is from the best possible, by bounds and the cost it expects.
+
+    The tone is `good` where that is proved.
+    """
     if not (math.isfinite(lower) and lower > 0.0):
-        return 'how good it is at best is not known'
-    share = (min(upper, math.inf) if math.isfinite(upper) else cost) / lower - 1.0
-    proved = '' if math.isfinite(upper) else ' by its own estimate'
+        return Fact('how good it is at best is not known', 'idle')
+    proved = math.isfinite(upper)
+    share, by = (upper if proved else cost) / lower - 1.0, '' if proved else ' by its own estimate'
+    text = f'within {share:.1%} of the best possible{by}'
     if share < 5e-4:
-        return f'the best possible{proved or ", proved"}'
-    return f'within {share:.1%} of the best possible{proved}'
+        text = f'the best possible{by or ", proved"}'
+    return Fact(text, 'good' if proved else '')

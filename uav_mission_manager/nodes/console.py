@@ -47,6 +47,9 @@ PARAMETERS = (
     ),
 )
 
+REST = 0.03
+"""Time [s] between two looks at the topics of all vehicles: a choice, not to be seen on a page."""
+
 SEARCH_PERIOD = 1.0
 """Time [s] between two looks for vehicles: a choice."""
 
@@ -110,7 +113,7 @@ class Console(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run_node(Console, PARAMETERS, args)
+    return run_node(Console, PARAMETERS, args, REST)
 
 
 if __name__ == '__main__':

@@ -6,10 +6,13 @@ import gc
 import inspect
 import os
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Generator
 from contextlib import suppress
+from typing import Any
 
 import rclpy
+from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import LoggingSeverity, get_logger, set_logger_level
@@ -32,14 +35,54 @@ SPIN_TIME = 0.2
 """Time [s] after which a node without work looks whether it is to end: a choice."""
 
 
+class RestingExecutor(SingleThreadedExecutor):
+    """Rests before it looks what has arrived, to take at one look what has come meanwhile.
+
+    A look costs as much as all that a node listens to, however little has arrived. It takes one
+    message of each topic, so there is no rest while a topic has one at each look.
+
+    Parameters
+    ----------
+    rest : float
+        Time [s]; a message may wait as long. With 0 it is a `SingleThreadedExecutor`.
+    context : Context, optional
+        Default: that of the process.
+    """
+
+    def __init__(self, rest: float, context: Context | None = None) -> None:
+        super().__init__(context=context)
+        self._rest = rest
+        self._ready: set[Any] = set()
+        self._ready_before: set[Any] = set()
+
+    def _wait_for_ready_callbacks(self, *args: Any, **options: Any) -> Generator[Any, None, None]:
+        if self._rest and self._ready.isdisjoint(self._ready_before):
+            time.sleep(self._rest)
+        self._ready_before, self._ready = self._ready, set()
+        work: Any
+        for work in super()._wait_for_ready_callbacks(*args, **options):
+            self._ready.add(work[1])
+            yield work
+
+
 def run_node(
     node_class: Callable[[], Node],
     table: tuple[NodeParameter, ...],
     args: list[str] | None = None,
+    rest: float = 0.0,
 ) -> int:
     """Spin a `node_class()` with the parameters of `table` until the process is asked to stop.
 
     A node with a life cycle is configured and activated first, unless it is to wait for that.
+
+    Parameters
+    ----------
+    node_class : callable
+    table : tuple of NodeParameter
+    args : list of str, optional
+        Default: the command line's.
+    rest : float
+        Time [s] between two looks at what has arrived: see `RestingExecutor`.
 
     Returns
     -------
@@ -68,7 +111,7 @@ def run_node(
                 refuse_unknown(node, qos=True)
         except START_ERRORS as error:
             raise FatalError(one_line(error)) from error
-        executor = SingleThreadedExecutor()
+        executor = RestingExecutor(rest)
         executor.add_node(node)
         ENDING.orderly = True
         gc.collect()

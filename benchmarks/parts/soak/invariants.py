@@ -84,7 +84,7 @@ class Invariants:
         self._boot_time = 0
         self._yields = self._sees = False  # the bridge has seen someone else in command; just now
         self._ordered_mode: float | None = None
-        self._resumed_in: float | None = None  # until it is known to have left this mode
+        self._own_mode: float | None = None  # as it takes it, until it is known to have left it
         self._held = self._guided_gives = False
         self._short_since: float | None = None
         self._troubled_at = -math.inf
@@ -106,12 +106,13 @@ class Invariants:
     def held(self, taken: bool) -> None:
         """Take note of ~/hold, and whether it was taken."""
         self._held = self._held or taken
+        self.day.vehicle.piloted = self.day.vehicle.piloted or taken
         self._cancelled_at = self.day.now
 
     def resumed(self) -> tuple[Any, ...]:
         """Take note of ~/resume; return what to take back if it is not taken."""
         before = self._held, self._yields or self._sees, self.day.vehicle.foreign
-        self._resumed_in, self.day.vehicle.foreign = self.day.vehicle.foreign, None
+        self._own_mode, self.day.vehicle.foreign = self.day.vehicle.foreign, None
         self._held = self._yields = self._sees = self._guided_gives = False
         self._cancelled_at = self.day.now
         return before
@@ -165,13 +166,15 @@ class Invariants:
     def _see_mode(self, message: Any) -> None:
         """Whoever else has command is seen by the mode, and in it nothing is ordered any more."""
         foreign = self.day.vehicle.foreign
-        if message.custom_mode != self._resumed_in:
-            self._resumed_in = None
+        if message.custom_mode != self._own_mode:
+            self._own_mode = None
         if foreign is None or foreign != message.custom_mode:
             return
         if foreign == SimulatedMode.GUIDED and self._guided_gives:
             self._yields = False
-        if foreign in (SimulatedMode.GUIDED, self._ordered_mode, self._resumed_in):
+        if foreign == self._ordered_mode:
+            self._own_mode = foreign
+        if foreign in (SimulatedMode.GUIDED, self._own_mode):
             return  # In a mode of the bridge's own, or not known to be left, nobody can tell.
         if message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED:
             self._sees = True
@@ -182,7 +185,7 @@ class Invariants:
         fine = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS
         sent_at, phase = self._order_at.pop(message.command, (-math.inf, ''))
         if message.command == mavlink.MAV_CMD_DO_SET_MODE and message.result in fine:
-            self._resumed_in = None
+            self._own_mode = None
         if message.result not in fine and now - sent_at < 1.0:
             self._refusals.append((now, short_name('MAV_CMD', message.command), phase))
 

@@ -80,7 +80,7 @@ class Vehicle:
         The mode that the vehicle was put into in flight by anyone but the bridge, if it is still
         in that mode.
     piloted : bool
-        Whether a pilot has changed the mode since the last take-off.
+        Whether a person has changed the mode, or held it, since the last take-off.
     """
 
     def __init__(self, grid: Grid, rng: random.Random) -> None:

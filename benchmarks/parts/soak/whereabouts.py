@@ -7,6 +7,7 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from parts.soak.chain import SETTINGS
+from uav_mission_manager.autopilot.simulator.physics import MAX_ACCELERATION
 
 if TYPE_CHECKING:
     from parts.soak.day import Day
@@ -26,8 +27,8 @@ RETURN_CLIMB = 16.0
 """How much higher [m] than in flight a vehicle may be: ArduCopter returns at 15 m, or higher where
 it is."""
 
-FENCE_MARGIN = 3.0
-"""How far [m] outside the fence a vehicle may be that turns around at it: a choice."""
+FENCE_MARGIN = 1.0
+"""How far [m] outside the fence a vehicle may be beyond the way it needs to stop: a choice."""
 
 ON_SITE = 6.0
 """How far [m] from a goal it can be completed: twice what the bridge is told, for wind."""
@@ -64,6 +65,7 @@ class Whereabouts:
         self._blown_at = -math.inf
         self._off_grid = self._was_blown = False
         self._inside: tuple[complex, float] | None = None  # the fence that it was inside of
+        self._way_to_stop = 0.0  # from where it was inside last [m]
 
     def at(self, goal: str) -> bool:
         """Whether it is where a goal can be completed."""
@@ -95,7 +97,7 @@ class Whereabouts:
 
     @property
     def drained(self) -> bool:
-        """Whether the battery is empty after a flight in which a pilot had command."""
+        """Whether the battery is empty after a flight in which a person kept it in the air."""
         return self._empty and self._day.vehicle.piloted
 
     @property
@@ -112,7 +114,10 @@ class Whereabouts:
         if flight.body.altitude > SETTINGS.flight_altitude + RETURN_CLIMB:
             fail('inside the fence', f'{flight.body.altitude:.0f} m high')
         fence = flight.home.position, flight.parameters['FENCE_RADIUS']
-        outside = abs(flight.body.position - fence[0]) > fence[1] + FENCE_MARGIN
+        beyond = abs(flight.body.position - fence[0]) - fence[1]
+        if beyond <= 0.0:
+            self._way_to_stop = abs(flight.body.velocity) ** 2 / (2.0 * MAX_ACCELERATION)
+        outside = beyond > self._way_to_stop + FENCE_MARGIN
         if outside and self._inside == fence and not self._blown:
             fail('inside the fence', f'{fence[1]:.0f} m around home')
         self._inside = None if outside else fence

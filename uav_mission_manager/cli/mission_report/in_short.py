@@ -54,8 +54,9 @@ def in_short(
     if account is not None:
         total = account.paid + account.left
         lines.append(
-            f'Cost {total:.1f}, and {account.expected:.1f} were expected at the beginning: see '
-            '"Cost: expected and paid".'
+            f'Cost {total:.1f}: {account.paid:.1f} paid, and {account.left:.1f} expected after '
+            f'the end; at the beginning {account.expected:.1f} were expected: see "Cost: expected '
+            'and paid".'
         )
     return f'<ul>{"".join(f"<li>{escape(line)}</li>" for line in lines)}</ul>'
 
@@ -81,8 +82,8 @@ def _turns(record: FlightRecord, commands: Sequence[StoryRow], names: Names) -> 
 def _serviced(record: FlightRecord, row: StoryRow, names: Names) -> str:
     command = row.decision.command
     charge = f'; {_charge(record, row.at)}' if command == 'recharge' else ''
-    went = 'It stayed in the service cell' if names.on_site(row.decision) else 'It went'
-    return f'{went} {SERVED_FOR[command]}: {row.reason}{charge}'
+    there = ', in the service cell already' if names.on_site(row.decision) else ''
+    return f'It went {SERVED_FOR[command]}{there}: {row.reason}{charge}'
 
 
 def _agile(before: StoryRow | None, row: StoryRow) -> str:

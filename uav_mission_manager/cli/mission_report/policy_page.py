@@ -115,7 +115,7 @@ def _quality(policy: Policy) -> Iterator[str]:
             f'it costs no more than, {policy.upper_bound_holds}',
             f'{upper:.6g}' if math.isfinite(upper) else 'not known',
         ),
-        ('so it is', closeness(lower, upper, expected)),
+        ('so it is', closeness(lower, upper, expected).text),
     ]
     yield page.note(f'From the start: {START}.')
     yield page.table(('', ''), rows)

@@ -223,7 +223,7 @@ def _untold(news: Sequence[str], reason: str, record: FlightRecord, at: float) -
     told = {reason, motive.replace(' has ', ': ', 1)}
     for when, name in record.completed:
         if abs(when - at) <= record.slack:
-            told.add(f'{shown(name, 60)}: {PRIORITY_WORDS[0]} any more')
+            told.add(_over(shown(name, 60)))
     for text in news:
         fault = text.startswith('fault ') and reason == f'fault mode {text.rpartition(" ")[2]}'
         if text not in told and not fault:
@@ -291,6 +291,11 @@ def _comparable(before: HeardDecision, after: HeardDecision) -> bool:
     return bool(before.state and after.state) and before.space == after.space
 
 
+def _over(goal: str) -> str:
+    """Of a goal without a priority any more: a state does not say why."""
+    return f'{goal}: done, or no longer wanted'
+
+
 def state_news(before: HeardDecision, after: HeardDecision, names: Names) -> Iterator[str]:
     """Say what has changed from state to state, but for what the vehicle does itself."""
     if not _comparable(before, after):
@@ -307,6 +312,6 @@ def state_news(before: HeardDecision, after: HeardDecision, names: Names) -> Ite
         yield f'in range again: {", ".join(back)}'
     for j, (earlier, later) in enumerate(zip(was.g.tolist(), now.g.tolist())):
         if earlier != later:
-            yield f'{names[j]}: {PRIORITY_WORDS[later]}{"" if later else " any more"}'
+            yield f'{names[j]}: {PRIORITY_WORDS[later]}' if later else _over(names[j])
     if was.t != now.t:
         yield f'threat {THREAT_LEVELS[was.t]} → {THREAT_LEVELS[now.t]}'
