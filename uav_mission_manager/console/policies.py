@@ -82,7 +82,7 @@ class PolicyShelf:
 
     def _look(self, path: str) -> None:
         policy = load_policy(path)
-        self._sets[policy.digest] = policy
+        self._sets.setdefault(policy.digest, policy)  # Who shows the mission knows it by this one.
 
     def _look_again(self, digest: str, announced: str) -> None:
         """Read the folders anew, in a thread; one that cannot be read now may be later."""
