@@ -78,6 +78,7 @@ setup(
         'page': requirements('-page'),  # console.
         'plan': requirements('-plan'),  # mission_new.
         'fast': requirements('-fast'),  # Exact solutions of large missions, sooner.
+        'gpu': requirements('-gpu'),  # policy_build --device gpu.
         'plot': requirements('-plot'),  # --plot of commands, plot_policy.
         'record': requirements('-record'),  # mission_record, and all that read bags.
     },

@@ -148,7 +148,7 @@ def test_a_solve_resumed_anywhere_ends_in_the_same_bits(precision):
     straight = value_iteration(
         sub,
         precision=precision,
-        on_values=lambda sweeps, values: kept.update({sweeps: values.copy()}),
+        on_values=lambda sweeps, values: kept.update({sweeps: values().copy()}),
     )
     assert sorted(kept) == list(range(1, straight.iterations + 1))
     for sweeps in (1, 20, straight.iterations - 2):

@@ -171,6 +171,7 @@ def test_every_command_says_the_version(command, capsys):
         ('page', '-page'),
         ('plan', '-plan'),
         ('fast', '-fast'),
+        ('gpu', '-gpu'),
         ('plot', '-plot'),
         ('record', '-record'),
     ],

@@ -23,7 +23,7 @@ from uav_mission_manager.policy import (
     Policy,
     build_policy,
 )
-from uav_mission_manager.solver.exact import PRECISIONS
+from uav_mission_manager.solver.exact import DEVICES, PRECISIONS
 from uav_mission_manager.solver.progress import Progress as ProgressProtocol
 from uav_mission_manager.solver.progress import Report
 
@@ -77,6 +77,13 @@ def _parser() -> CommandParser:
         default='mixed',
         help='floating type: double with early sweeps in single (mixed), double or single; single '
         'halves the memory; default: %(default)s',
+    )
+    parser.add_argument(
+        '--device',
+        choices=DEVICES,
+        default='cpu',
+        help='where the exact solution is made: on the processors, or on a CUDA card (pip install '
+        "'.[gpu]'); default: %(default)s",
     )
     parser.add_argument(
         '--jobs',
@@ -136,6 +143,7 @@ def _solve(options: argparse.Namespace) -> Policy:
             jobs=options.jobs,
             scheduler=options.scheduler,
             checkpoint=checkpoint,
+            device=options.device,
         )
     policy.save(options.out)
     if checkpoint is not None:

@@ -36,7 +36,12 @@ from uav_mission_manager.solver import memory
 from uav_mission_manager.solver.bounds import covering, lower_bound
 from uav_mission_manager.solver.decomposition.decompose import decompose
 from uav_mission_manager.solver.decomposition.plan import Plan
-from uav_mission_manager.solver.exact import LookAhead, solve_blocks, value_iteration
+from uav_mission_manager.solver.exact import (
+    LookAhead,
+    find_device,
+    solve_blocks,
+    value_iteration,
+)
 from uav_mission_manager.solver.expansion import Clusters, Expansion, fit_expansion
 from uav_mission_manager.solver.progress import Progress, Report, ignore
 from uav_mission_manager.solver.submdp import whole_mission
@@ -63,6 +68,7 @@ class Job:
     jobs: int | None
     scheduler: str | None
     checkpoint: Checkpoint | None
+    device: str
 
 
 def build_policy(
@@ -78,6 +84,7 @@ def build_policy(
     jobs: int | None = None,
     scheduler: str | None = None,
     checkpoint: Checkpoint | None = None,
+    device: str = 'cpu',
 ) -> Policy:
     """Solve a mission.
 
@@ -110,11 +117,13 @@ def build_policy(
         Address of a Dask scheduler, see `uav_mission_manager.policy.workers`.
     checkpoint : Checkpoint, optional
         The exact solution is resumed from there, and saved there about once a minute.
+    device : {'cpu', 'gpu'}
+        Where the exact solution is made, in one sub-MDP: on the processors, or on a CUDA card.
 
     Raises
     ------
     ValueError
-        If there is no such method or precision, or a number is out of its range.
+        If there is no such method, precision or device, or a number is out of its range.
     MissionSizeError
         If the memory does not suffice.
     """
@@ -129,15 +138,25 @@ def build_policy(
             raise ValueError(f'{name} {value} must be above 0')
     if checkpoint is not None and method not in ('auto', 'exact'):
         raise ValueError(f'method {quoted(method)} cannot be resumed from a checkpoint; exact can')
-    how = (order, max_states, certificate, precision, jobs, scheduler, checkpoint)
+    if device != 'cpu':
+        _check_device(device, method, max_states)
+    how = (order, max_states, certificate, precision, jobs, scheduler, checkpoint, device)
     job = Job(mission, tolerance, progress, *how)
     return BUILDERS[method](job)
+
+
+def _check_device(device: str, method: str, max_states: int | None) -> None:
+    if method not in ('auto', 'exact'):
+        raise ValueError(f'device {quoted(device)} is of no use to method {quoted(method)}')
+    if max_states is not None:
+        raise ValueError(f'device {quoted(device)} solves in one piece: leave max_states out')
+    find_device(device)
 
 
 def _auto(job: Job) -> Policy:
     """Exact where it fits and is quick enough, else an expansion."""
     patient = job.checkpoint is not None
-    reason = obstacle_to_exact(job.mission, job.max_states, job.precision, patient)
+    reason = obstacle_to_exact(job.mission, job.max_states, job.precision, patient, job.device)
     if not reason:
         clock = _Clock(job)
         try:
@@ -201,6 +220,7 @@ def _exact(job: Job) -> ExactPolicy:
         start=checkpoint.load() if checkpoint else None,
         on_values=checkpoint.save if checkpoint else None,
         with_actions=not LookAhead.tabulates(sub),
+        device=job.device,
     )
     return ExactPolicy(plan, solution)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -65,15 +66,15 @@ class Checkpoint:
             )
         return int(sweeps), values
 
-    def save(self, sweeps: int, values: RealArray) -> None:
-        """Write the file if it is time. Raises `PolicyError`."""
+    def save(self, sweeps: int, values: Callable[[], RealArray]) -> None:
+        """Write the file if it is time, with the W that `values` returns. Raises `PolicyError`."""
         if time.monotonic() - self.last < self.interval:
             return
         fresh = self.file.with_name(self.file.name + '.tmp')
         try:
             fresh.parent.mkdir(parents=True, exist_ok=True)
             with fresh.open('wb') as stream:
-                np.savez(stream, key=self.key, sweeps=sweeps, values=values)
+                np.savez(stream, key=self.key, sweeps=sweeps, values=values())
             fresh.replace(self.file)
         except OSError as error:
             raise PolicyError(

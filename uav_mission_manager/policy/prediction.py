@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from uav_mission_manager.mdp.mission import Mission
 from uav_mission_manager.policy.recombined_policy import RECOMBINATIONS
-from uav_mission_manager.solver import memory
-from uav_mission_manager.solver.exact.memory import needed_bytes
+from uav_mission_manager.solver.exact.device import find_device
+from uav_mission_manager.solver.exact.memory import needed_bytes, shortage
 from uav_mission_manager.solver.exact.value_iteration import PRECISIONS
 from uav_mission_manager.solver.expansion import Clusters
 from uav_mission_manager.solver.expansion.fit import fit_bytes
@@ -70,7 +71,11 @@ def states_in_full(mission: Mission, order: int = DEFAULT_ORDER) -> int:
 
 def exact_bytes(sub: SubMdp, precision: str = 'mixed') -> int:
     """Memory that the exact solution of a sub-MDP needs on this machine."""
-    return needed_bytes(sub, PRECISIONS.get(precision, (np.float64,))[-1], processors())
+    return needed_bytes(sub, _last_type(precision), processors())
+
+
+def _last_type(precision: str) -> type[np.floating[Any]]:
+    return PRECISIONS.get(precision, (np.float64,))[-1]
 
 
 def obstacle_to_exact(
@@ -78,6 +83,7 @@ def obstacle_to_exact(
     max_states: int | None = None,
     precision: str = 'mixed',
     patient: bool = False,
+    device: str = 'cpu',
 ) -> str:
     """Why the exact solution is out of the question, empty where it is not.
 
@@ -90,18 +96,18 @@ def obstacle_to_exact(
         See `uav_mission_manager.solver.exact.value_iteration`.
     patient : bool
         Whether it may take as long as it likes.
+    device : {'cpu', 'gpu'}
+        How long a card takes, its first sweeps tell.
     """
     sub = whole_mission(mission)
     if max_states is not None and sub.states > max_states:
         return f'the {sub.states:,} states are more than T_max = {max_states:,}'
-    needed = exact_bytes(sub, precision)
-    if not memory.fits(needed):
-        return (
-            f'the exact solution needs {memory.size_text(needed)} of memory, '
-            f'{memory.size_text(memory.available_bytes())} are free'
-        )
+    place = find_device(device)
+    lacking = shortage(sub, _last_type(precision), processors(), place)
+    if lacking:
+        return lacking
     seconds = sub.entries * MIN_ENTRY_SECONDS * MIN_SWEEPS
-    if seconds > MAX_EXACT_SECONDS and not patient:
+    if seconds > MAX_EXACT_SECONDS and not patient and not place.on_gpu:
         return f'the exact solution would take more than {seconds / 60:,.0f} minutes'
     return ''
 

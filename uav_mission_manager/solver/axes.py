@@ -4,7 +4,8 @@ A step is a function and its arguments. Small tables are swept by lists made onc
 the views would take longer than the arithmetic; large ones block by block.
 
 Only correctly rounded elementwise operations in a fixed order are used, never a matrix product:
-every machine, numpy and BLAS computes the same bits.
+every machine, numpy and BLAS computes the same bits. The arrays are NumPy's or CuPy's, all of one
+kind.
 """
 
 from __future__ import annotations
@@ -68,16 +69,19 @@ def fall(
     ]
     for d, weight in enumerate(weights[1:], 1):
         product = scratch[:, :, :-d]
+        # CuPy would copy an argument that shares memory with the result, but not the same array.
+        lowest, others = values[:, :, :d], values[:, :, d:]
         steps += [
             (np.multiply, (before[:, :, :-d], weight, product)),
             # All that would fall further stays at the first entry.
-            (np.add, (values[:, :, :d], product[:, :, :1], values[:, :, :d])),
-            (np.add, (values[:, :, d:], product, values[:, :, d:])),
+            (np.add, (lowest, product[:, :, :1], lowest)),
+            (np.add, (others, product, others)),
         ]
     return steps
 
 
 def gather(source: RealArray, rows: IndexArray, out: RealArray) -> ArrayStep:
     """Step out[i] = source[rows[i]]; `source` in one piece."""
-    # mode='raise' would go through a buffer.
-    return source.take, (rows, 0, out, 'clip')
+    # mode='raise' would go through a buffer; CuPy, which has no modes, never raises.
+    modes = ('clip',) if isinstance(source, np.ndarray) else ()
+    return source.take, (rows, 0, out, *modes)

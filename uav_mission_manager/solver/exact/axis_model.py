@@ -32,6 +32,7 @@ from uav_mission_manager.mdp.dynamics import (
     recharged_levels,
 )
 from uav_mission_manager.mdp.mission import Mission
+from uav_mission_manager.solver.exact.device import CPU, Device
 from uav_mission_manager.solver.reduced import ReducedMission
 from uav_mission_manager.solver.submdp import SubMdp
 
@@ -67,10 +68,12 @@ class Choice:
 
 
 class AxisModel:
-    """What a sub-MDP's backup is made of, in one floating type.
+    """What a sub-MDP's backup is made of, in one floating type, as arrays of NumPy.
 
     Attributes
     ----------
+    device : Device
+        Where the backup is made.
     shape : tuple of int
         Of W: (cells q, rows (t, g), columns (f, r)).
     goal_cells : tuple of int
@@ -97,9 +100,9 @@ class AxisModel:
     choices : tuple of Choice
     """
 
-    def __init__(self, sub: SubMdp, dtype: DTypeLike = np.float64) -> None:
+    def __init__(self, sub: SubMdp, dtype: DTypeLike = np.float64, device: Device = CPU) -> None:
         mission = sub.mission
-        self.sub, self.dtype = sub, np.dtype(dtype)
+        self.sub, self.dtype, self.device = sub, np.dtype(dtype), device
         self.reduced = reduced = ReducedMission(sub)
         self.shape = self.q, self.rows, self.columns = sub.shape
         self.goal_cells = tuple(mission.goals[j].cell for j in sub.goals)
@@ -131,8 +134,12 @@ class AxisModel:
         return 2 * self.q + len(ON_GROUND) + 2 * self.sub.n
 
     def zero(self) -> RealArray:
-        """Return W = 0."""
-        return np.zeros(self.shape, dtype=self.dtype)
+        """Return W = 0, on the device."""
+        return self.device.namespace.zeros(self.shape, self.dtype)
+
+    def empty(self, shape: int | tuple[int, ...]) -> RealArray:
+        """Room for a table, on the device."""
+        return self.device.namespace.empty(shape, self.dtype)
 
     def rounding(self, values: RealArray) -> float:
         """Bound on what rounding adds to one backup of W."""
@@ -152,13 +159,13 @@ class AxisModel:
     def _base_cost(self) -> RealArray:
         n, tables = self.sub.n, self.reduced.level_costs
         flags, width = self._flags(), self.columns // 8
-        cost = np.zeros((tables.shape[1], 3**n, 8, width)) + self.sub.fault_costs[:, None]
-        priorities = np.indices((3,) * n).reshape(n, 3**n)
-        for table, r, g in zip(tables, flags, priorities):
-            x = (self._flag_values * g[:, None] + r).T
-            own = table[..., x].transpose(0, 3, 1, 2)
-            cost += own.reshape(len(table), -1, 1, width)
-        return self._array(cost.reshape(len(cost), 3**n, self.columns))
+        cost = np.zeros((tables.shape[1], 1, 8, width)) + self.sub.fault_costs[:, None]
+        for table, r in zip(tables, flags):  # Each goal brings the axis of its priority.
+            x = (self._flag_values * np.arange(3)[:, None] + r).T
+            own = np.ascontiguousarray(table[..., x].transpose(0, 3, 1, 2))
+            own = own.reshape(len(table), 1, 3, 1, width)
+            cost = (cost[:, :, None] + own).reshape(len(table), -1, 8, width)
+        return cost.reshape(len(cost), 3**n, self.columns).astype(self.dtype, copy=False)
 
     def _flags(self) -> IntArray:
         """r_j of each goal tracked over the values of the range flags that are variables."""

@@ -38,7 +38,7 @@ class ExogenousTables:
     def empty(cls, model: AxisModel) -> ExogenousTables:
         """Tables yet to be filled."""
         completed = model.sub.n, model.rows // 3, model.columns
-        return cls(np.empty(model.shape, model.dtype), np.empty(completed, model.dtype))
+        return cls(model.empty(model.shape), model.empty(completed))
 
 
 class ExogenousExpectation:
@@ -46,7 +46,9 @@ class ExogenousExpectation:
 
     def __init__(self, model: AxisModel, cells: int, columns: int) -> None:
         self.model, self.cells, self.columns = model, cells, columns
-        self.scratch = np.empty((3, cells * model.rows * columns), model.dtype)
+        self.scratch = model.empty((3, cells * model.rows * columns))
+        self.threat = model.device.put(model.threat)
+        self.priorities = [model.device.put(matrix) for matrix in model.priorities]
 
     def steps(
         self, values: RealArray, expected: ExogenousTables, cell: int, column: int
@@ -56,9 +58,9 @@ class ExogenousExpectation:
         cells, columns = slice(cell, cell + count), slice(column, column + self.columns)
         source = values[cells, :, columns].reshape(count, model.sub.threats, -1, self.columns)
         x, y, scratch = (part[: source.size].reshape(source.shape) for part in self.scratch)
-        steps = mix(source, model.threat[cells], x, scratch)
+        steps = mix(source, self.threat[cells], x, scratch)
         completed: dict[int, tuple[RealArray, RealArray]] = {}  # With room for the next axis.
-        for slot, matrix in enumerate(model.priorities):
+        for slot, matrix in enumerate(self.priorities):
             axes = -1, 3, 3 ** (n - 1 - slot) * self.columns
             x, y, scratch = x.reshape(axes), y.reshape(axes), scratch.reshape(axes)
             for other, pair in completed.items():
@@ -68,7 +70,7 @@ class ExogenousExpectation:
             offset = model.goal_cells[slot] - cell
             if 0 <= offset < count:
                 achieved = x.reshape(count, -1, *axes[1:])[offset, :, 0]
-                table, mixed = np.empty((2, *achieved.shape), model.dtype)
+                table, mixed = model.empty((2, *achieved.shape))
                 completed[slot] = table, mixed
                 steps.append((np.copyto, (completed[slot][0], achieved)))
             steps += mix(x, matrix, y, scratch)
@@ -95,16 +97,19 @@ class ArrivalExpectation:
     """
 
     def __init__(self, model: AxisModel, rows: int) -> None:
-        n, q, columns, dtype = model.sub.n, model.q, model.columns, model.dtype
+        n, q, columns, put = model.sub.n, model.q, model.columns, model.device.put
         self.model, self.rows = model, rows
         self.after = [3 ** (n - 1 - slot) for slot in range(n)]
         heights = [rows // 3 if self.varies(slot) else rows for slot in range(n)]
         ends = np.cumsum([q * rows, *heights]).tolist()
-        self.flight = np.empty((2, columns, ends[-1]), dtype)
+        self.flight = model.empty((2, columns, ends[-1]))
         self.open = self.flight[:, :, : q * rows].reshape(2, columns, q, rows)
         self.completed = [self.flight[:, :, i:j] for i, j in pairwise(ends)]
-        self.price = np.repeat(model.price, model.rows // model.sub.threats, axis=2)[..., None]
-        self.table = np.empty((model.arrivals, rows, columns), dtype)
+        price = np.repeat(model.price, model.rows // model.sub.threats, axis=2)
+        self.price, self.repair = put(price[..., None]), put(model.repair)
+        # A completed part lacks the axis of g_j, on which the price does not depend.
+        self.completed_prices = [put(price[:, cell, ::3, None]) for cell in model.goal_cells]
+        self.table = model.empty((model.arrivals, rows, columns))
         self.flight_steps = self._flight()
         self.completion_steps = [self._completion(slot) for slot in range(n)]
 
@@ -129,18 +134,11 @@ class ArrivalExpectation:
             into, done = self._completing(slot), self.completed[slot].transpose(0, 2, 1)
             cell = self.model.goal_cells[slot]
             steps.append((np.copyto, (into, flown[:, cell])))
-            # The completed part lacks the axis of g_j, on which the price does not depend.
-            steps.append((np.add, (done, self._price_without(slot, first), done)))
+            start = self._row_without(slot, first)
+            price_there = self.completed_prices[slot][:, start : start + done.shape[1]]
+            steps.append((np.add, (done, price_there, done)))
             steps += completion
         return steps
-
-    def _price_without(self, slot: int, first: int) -> RealArray:
-        """Price in a goal's cell over the rows of its completed part."""
-        model, height = self.model, self.completed[slot].shape[2]
-        start = self._row_without(slot, first)
-        rows = model.rows // (3 * model.sub.threats)
-        price = np.repeat(model.price[:, model.goal_cells[slot]], rows, axis=1)
-        return price[:, start : start + height, None]
 
     def _row_without(self, slot: int, row: int) -> int:
         """Row of a table that lacks the axis of a goal's priority."""
@@ -149,8 +147,8 @@ class ArrivalExpectation:
 
     def _flight(self) -> list[ArrayStep]:
         """Expectation over each bit of f' (camera, actuator, sensor), and each r_j' or b'."""
-        model = self.model
-        room = np.empty(self.flight.size // 2, model.dtype)
+        model, put = self.model, self.model.device.put
+        room = model.empty(self.flight.size // 2)
         digits = [(p, 0) for p in model.failures] + [(loss, 1) for loss in model.losses]
         alike: list[ArrayStep] = []
         different: list[ArrayStep] = []
@@ -160,14 +158,14 @@ class ArrivalExpectation:
             bits = flight.reshape(len(flight), 2**digit, 2, -1)
             values, towards = bits[:, :, leaves], bits[:, :, 1 - leaves]
             scratch = room[: values.size].reshape(values.shape)
-            weights = probability[: len(flight), None, None]
+            weights = put(probability[: len(flight), None, None])
             (alike if same else different).extend(drift(values, towards, weights, scratch))
         if model.drain.size:
             same = np.array_equal(*model.drain)
             modes = 1 if same else 2
             levels = self.flight[:modes].reshape(modes, 8, model.columns // 8, -1)
-            scratch = np.empty((2, *levels.shape), model.dtype)
-            (alike if same else different).extend(fall(levels, model.drain[:modes], *scratch))
+            scratch = model.empty((2, *levels.shape))
+            (alike if same else different).extend(fall(levels, put(model.drain[:modes]), *scratch))
         return [*alike, (np.copyto, (self.flight[1], self.flight[0])), *different]
 
     def _ground(self, source: RealArray, price: RealArray) -> list[ArrayStep]:
@@ -183,7 +181,7 @@ class ArrivalExpectation:
             (np.copyto, (recharged[:, :, -gained:], faults[:, :, -1:])),
             (np.copyto, (recharged[:, :, :-gained], faults[:, :, gained:])),
             (np.copyto, (repaired, faults)),
-            *drift(repaired, faults[:, :1], model.repair, np.empty_like(faults)),
+            *drift(repaired, faults[:, :1], self.repair, np.empty_like(faults)),
             *((np.add, (table, price[grid.service], table)) for table in serviced),
         ]
 
@@ -200,5 +198,5 @@ class ArrivalExpectation:
         inside = slice(able.start * width, able.stop * width)
         values = self._completing(slot).reshape(2, -1, levels, after, model.columns)[..., inside]
         towards = part.reshape(2, -1, 1, after, model.columns)[..., inside]
-        probability = np.repeat(completion[able], width)
+        probability = model.device.put(np.repeat(completion[able], width))
         return drift(values, towards, probability, np.empty_like(values))

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from uav_mission_manager.mdp.arrays import RealArray
 from uav_mission_manager.solver.axes import ArrayStep, gather, run_steps
 from uav_mission_manager.solver.exact.axis_model import AxisModel, Choice
+from uav_mission_manager.solver.exact.device import CPU, Device
 from uav_mission_manager.solver.exact.expectations import (
     ArrivalExpectation,
     ExogenousExpectation,
@@ -37,6 +38,10 @@ if TYPE_CHECKING:
 
 MAX_BLOCK_ENTRIES = 1 << 17
 """Entries of W that a thread works on at a time: a choice; ten tables of that size fit caches."""
+
+MAX_GPU_BLOCK_ENTRIES = 1 << 25
+"""The same of a card: a choice, not measured. A step on so many should take far longer than its
+launch, and thirty tables of that size are a small part of a large card's memory."""
 
 MIN_THREADED_ENTRIES = 1 << 20
 """Entries of W from which threads pay: measured."""
@@ -82,8 +87,9 @@ class RowBackup:
     def __init__(self, model: AxisModel, rows: int, policy: ActionTable | None = None) -> None:
         self.model, self.rows, self.policy = model, rows, policy
         self.expectation = ArrivalExpectation(model, rows)
-        self.q = np.empty((model.q, rows, model.columns), model.dtype)
+        self.q = model.empty((model.q, rows, model.columns))
         self.least = np.empty_like(self.q)
+        self.base_cost = model.device.put(model.base_cost)
         self.candidates = [self._candidate(choice) for choice in model.choices]
 
     def steps(self, values: RealArray, expected: ExogenousTables, first: int) -> list[ArrayStep]:
@@ -99,24 +105,28 @@ class RowBackup:
     def change(self) -> tuple[float, float]:
         """Least and largest entry of `q`."""
         entries = self.q.reshape(-1)
-        return float(np.minimum.reduce(entries)), float(np.maximum.reduce(entries))
+        return float(entries.min()), float(entries.max())
 
     def go_on(self, values: RealArray, further: float, first: int) -> None:
         """Change W in these rows by so many times more than the backup did."""
+        reached = values[:, first : first + self.rows]
         np.multiply(self.q, further, self.q)
-        values[:, first : first + self.rows] += self.q
+        np.add(reached, self.q, reached)
 
     def greedy(self, numbers: ActionTable, expected: ExogenousTables, first: int) -> None:
-        """Write the numbers of the actions of least Q; of those that tie the lowest."""
+        """Write the numbers of the actions of least Q; of those that tie the lowest.
+
+        `numbers` is an array of NumPy's.
+        """
         run_steps(self._minimise(expected, first))
         tie = max(TIE_TOLERANCE, 8 * float(np.finfo(self.q.dtype).eps))
         limit = self.least + tie * np.abs(self.least + self._base_cost(first))
-        chosen = np.zeros(self.least.shape, np.uint8)
+        chosen = np.zeros_like(self.least, np.uint8)
         for candidate, steps in self._each(self.candidates[::-1], first):
             run_steps(steps)
             best = candidate.q <= candidate.box(limit)
             np.copyto(candidate.box(chosen), candidate.number, where=best)
-        numbers[:, first : first + self.rows] = chosen
+        numbers[:, first : first + self.rows] = self.model.device.take_back(chosen)
 
     def _minimise(
         self, expected: ExogenousTables, first: int, policy: ActionTable | None = None
@@ -146,7 +156,7 @@ class RowBackup:
 
     def _base_cost(self, first: int) -> RealArray:
         """Rows of b, to add to (cells, rows, columns)."""
-        cost = self.model.base_cost
+        cost = self.base_cost
         if self.rows > cost.shape[1]:
             return np.concatenate([cost] * self.model.sub.threats, axis=1)
         start = first % cost.shape[1]
@@ -160,19 +170,21 @@ class RowBackup:
         axes = model.q, *digits, model.columns
         levels = choice.levels if varies else slice(None)
         cost = choice.cost[:, None, :, None, :]
-        look_up = gather(self.expectation.table, choice.arrivals, self.q)
+        put = model.device.put
+        look_up = gather(self.expectation.table, put(choice.arrivals), self.q)
 
         def box(table: NDArray[Any]) -> NDArray[Any]:
             return table.reshape(axes)[:, :, levels]
 
-        if self.rows == model.rows:  # Small: what is in one piece is faster than a part.
+        # Small: what is in one piece is faster than a part.
+        if self.rows == model.rows and model.sub.entries <= MAX_BLOCK_ENTRIES:
             split = self.q.reshape(axes)
-            whole = np.broadcast_to(cost, split.shape).reshape(self.q.shape)
-            return _Candidate(choice.action.number, look_up, np.asarray, self.q, [whole], after)
-        costs: list[RealArray | None] = [cost[:, :, levels]]
+            whole = put(np.broadcast_to(cost, split.shape).reshape(self.q.shape))
+            return _Candidate(choice.action.number, look_up, _all, self.q, [whole], after)
+        costs: list[RealArray | None] = [put(cost[:, :, levels])]
         if slot is not None and not varies:
             within = range(3)[choice.levels]
-            costs = [cost[:, :, [level]] if level in within else None for level in range(3)]
+            costs = [put(cost[:, :, [level]]) if level in within else None for level in range(3)]
         return _Candidate(choice.action.number, look_up, box, box(self.q), costs, after)
 
 
@@ -182,7 +194,7 @@ class Sweeper:
     Attributes
     ----------
     values : float array (cells, rows, columns)
-        W, overwritten by each backup.
+        W on the model's device, overwritten by each backup.
     policy : uint8 array like values, optional
         Numbers of the actions to take; by default the best.
     """
@@ -195,11 +207,13 @@ class Sweeper:
         policy: ActionTable | None = None,
     ) -> None:
         self.model, self.values = model, values
-        self.threads = threads if values.size >= MIN_THREADED_ENTRIES else 1
+        threaded = values.size >= MIN_THREADED_ENTRIES and not model.device.on_gpu
+        self.threads = threads if threaded else 1
         self.expected = ExogenousTables.empty(model)
         self.policy = policy
         cells, rows, columns = model.shape
-        self.block_cells, self.block_columns, self.block_rows = block_shape(model.sub)
+        shape = block_shape(model.sub, model.device)
+        self.block_cells, self.block_columns, self.block_rows = shape
         self.blocks = [
             (cell, column)
             for cell in range(0, cells, self.block_cells)
@@ -211,7 +225,7 @@ class Sweeper:
 
     def _compiled(self) -> CompiledSweep | None:
         """Return the compiled sweep where it pays and can be had."""
-        if not is_compiled(self.model.sub):
+        if not is_compiled(self.model.sub, self.model.device):
             return None
         try:
             from uav_mission_manager.solver.exact.compiled import CompiledSweep
@@ -256,7 +270,7 @@ class Sweeper:
         return min(lows), max(highs)
 
     def greedy(self) -> ActionTable:
-        """Numbers of the actions of least Q in W, shape as W."""
+        """Numbers of the actions of least Q in W, shape as W, in an array of NumPy's."""
         self.expect()
         numbers = np.empty(self.values.shape, np.uint8)
         row_backups = self.row_backups
@@ -287,6 +301,10 @@ class Sweeper:
         return change
 
 
+def _all(table: NDArray[Any]) -> NDArray[Any]:
+    return table
+
+
 def _lower(least: RealArray, q: RealArray) -> None:
     np.minimum(least, q, out=least)
 
@@ -295,20 +313,23 @@ def _follow(followed: RealArray, q: RealArray, numbers: ActionTable, number: int
     np.copyto(followed, q, where=numbers == number)
 
 
-def is_compiled(sub: SubMdp) -> bool:
+def is_compiled(sub: SubMdp, device: Device = CPU) -> bool:
     """Whether compiling pays for the sweeps of a sub-MDP, and numba is there to do it."""
+    if device.on_gpu:
+        return False
     pays = sub.entries >= MIN_COMPILED_ENTRIES and sub.threats == 3
     return pays and find_spec('numba') is not None
 
 
-def block_shape(sub: SubMdp) -> tuple[int, int, int]:
+def block_shape(sub: SubMdp, device: Device = CPU) -> tuple[int, int, int]:
     """Cells and columns of a block of the exogenous expectation, rows of a block of the rest."""
+    most = MAX_GPU_BLOCK_ENTRIES if device.on_gpu else MAX_BLOCK_ENTRIES
     cells, rows, columns = sub.shape
-    if sub.entries <= MAX_BLOCK_ENTRIES:
+    if sub.entries <= most:
         return cells, columns, rows
     height, width = rows, columns
-    while rows * width > MAX_BLOCK_ENTRIES and width > 16:
+    while rows * width > most and width > 16:
         width //= 2
-    while height > 1 and cells * height * columns > MAX_BLOCK_ENTRIES:
+    while height > 1 and cells * height * columns > most:
         height //= sub.threats if height == rows else 3
-    return max(1, min(cells, MAX_BLOCK_ENTRIES // (rows * width))), width, height
+    return max(1, min(cells, most // (rows * width))), width, height

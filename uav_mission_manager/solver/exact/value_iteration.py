@@ -22,6 +22,7 @@ import numpy as np
 
 from uav_mission_manager.mdp.arrays import RealArray
 from uav_mission_manager.solver.exact.axis_model import AxisModel
+from uav_mission_manager.solver.exact.device import find_device
 from uav_mission_manager.solver.exact.memory import check_memory
 from uav_mission_manager.solver.exact.stride import Stride
 from uav_mission_manager.solver.exact.sweep import ActionTable, Sweeper
@@ -108,8 +109,9 @@ def value_iteration(
     precision: str = 'mixed',
     threads: int | None = None,
     start: tuple[int, RealArray] | None = None,
-    on_values: Callable[[int, RealArray], None] | None = None,
+    on_values: Callable[[int, Callable[[], RealArray]], None] | None = None,
     with_actions: bool = False,
+    device: str = 'cpu',
 ) -> Solution:
     """Solve a sub-MDP from W_0 = 0.
 
@@ -129,20 +131,26 @@ def value_iteration(
     start : (int, float array), optional
         Sweeps already made and the W they reached, to go on from.
     on_values : callable, optional
-        Called after each sweep with its number and W, which is not to be kept or changed.
+        Called after each sweep with its number and a function that returns W, which is not to be
+        kept or changed; from a card it is fetched whenever it is asked for.
     with_actions : bool
         Whether to find the best actions too.
+    device : {'cpu', 'gpu'}
+        Where to sweep: on the processors, or on a CUDA card by CuPy. The solution is in the
+        machine's memory.
 
     Raises
     ------
     ValueError
-        If tolerance, max_iterations or threads is not above 0, or no such precision exists.
+        If tolerance, max_iterations or threads is not above 0, or no such precision or device
+        exists.
     MissionSizeError
         If the memory does not suffice.
     """
     _check(tolerance, max_iterations, precision, threads)
     threads = processors() if threads is None else threads
-    check_memory(sub, PRECISIONS[precision][-1], threads)
+    place = find_device(device)
+    check_memory(sub, PRECISIONS[precision][-1], threads, place)
     iterations, values = start or (0, None)
     first = 0.0
 
@@ -154,22 +162,24 @@ def value_iteration(
         text = f'sweep {iterations}, within {bounds.distance:.1e} of V*'
         progress(Report(iterations, done, text))
         if on_values is not None:
-            on_values(iterations, reached)
+            on_values(iterations, lambda: place.take_back(reached))
         return iterations >= max_iterations or bounds.distance <= tolerance
 
     swept: tuple[Sweeper, SpanBounds] | None = None
     for dtype in _types(sub, precision, values):
         if iterations < max_iterations:
             swept = None  # Not to hold the tables of two.
-            sweeper = _sweeper(sub, dtype, values, threads)
-            values = None
+            place.release()
+            model = AxisModel(sub, dtype, place)
+            values = model.zero() if values is None else place.copy(values, dtype)
+            sweeper = Sweeper(model, values, threads)
             swept = sweeper, sweep(sweeper, stop, last=dtype is PRECISIONS[precision][-1])
-            values = sweeper.values
-            del sweeper
+            del sweeper, model
     assert swept is not None
     sweeper, bounds = swept
     solution = Solution.at_middle(sweeper.model, sweeper.values, bounds, iterations, tolerance)
-    return replace(solution, actions=sweeper.greedy()) if with_actions else solution
+    actions = sweeper.greedy() if with_actions else None
+    return replace(solution, value=place.take_back(solution.value), actions=actions)
 
 
 def sweep(
@@ -202,12 +212,6 @@ def sweep(
             return bounds
         stride.note(bounds)
         span = np.inf if further else bounds.span
-
-
-def _sweeper(sub: SubMdp, dtype: Any, values: RealArray | None, threads: int) -> Sweeper:
-    """Return a sweeper from W as it is so far, or from 0."""
-    model = AxisModel(sub, dtype)
-    return Sweeper(model, model.zero() if values is None else values.astype(dtype), threads)
 
 
 def _check(tolerance: float, max_iterations: int, precision: str, threads: int | None) -> None:
