@@ -6,8 +6,11 @@ import json
 import math
 import random
 from dataclasses import replace
+from typing import Any
 
-from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS
+from uav_mission_manager import build_policy
+from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, Mission
+from uav_mission_manager.mdp.placing import place_goal
 from uav_mission_manager.onboard import (
     InputError,
     ManagerSettings,
@@ -99,3 +102,33 @@ class Recorded:
             self.trace.step(self.now, self.outcomes[-1])
         if entry := self.trace.entry():
             self.entries.append(entry)
+
+
+def take_over(
+    mission: Mission, wanted: bool = True
+) -> tuple[list[str], list[Decision | Refusal], list[Policy]]:
+    """A flight in which a goal that is requested takes a slot: trace, outcomes, policies."""
+    spare = replace(mission.goals[2], name='spare', cell=0, slot=True)
+    before = replace(mission, goals=(*mission.goals[:2], spare))
+    after, _ = place_goal(before, '{"cell": 6, "name": "tree"}', [2])
+    policies = [build_policy(before), build_policy(after)]
+    core = MissionManager(policies[0], ManagerSettings(command_dwell=0.0))
+    trace, entries, outcomes = TraceWriter(core, 0.0), [], []
+    for now in range(40):
+        if now == 20:
+            core.adopt(policies[1], wanted)
+            trace.adopt(wanted)
+        goals: dict[str, Any] = {'values': (0, 2, 0), 'request': 'a'}
+        heard = [
+            HeardInput('odom', float(now), {'east': 5.0 * now, 'north': 0.0}),
+            HeardInput('battery_state', float(now), {'percentage': 0.95}),
+            HeardInput('fault_mode', float(now), {'name': 'nominal'}),
+            HeardInput('goal_priorities', float(now), goals),
+        ]
+        for each in heard:
+            core.take(each)
+            trace.hear(each)
+        outcomes.append(core.step(float(now)))
+        trace.step(float(now), outcomes[-1])
+        entries.append(trace.entry())
+    return entries, outcomes, policies

@@ -18,7 +18,7 @@ from std_msgs.msg import String, UInt8MultiArray
 from uav_mission_manager.mdp import load_mission
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.complaints import Complaints
-from uav_mission_manager.nodes.flight_plan import FlightPlan
+from uav_mission_manager.nodes.flight_plan import FlightPlan, Plans
 from uav_mission_manager.nodes.manager_inputs import ManagerInputs
 
 COMMAND = 'commit goal1 normal'
@@ -39,7 +39,7 @@ class Hearing:
             goals_wanted=None, command=lambda task, now: self.tasks.append(task.text)
         )
         self.node = ros.node
-        self.inputs = ManagerInputs(ros.node, mission, FlightPlan(mission, 20.0), self.pilot, 3.0)
+        self.inputs = ManagerInputs(ros.node, Plans(FlightPlan(mission, 20.0)), self.pilot, 3.0)
 
     def hear(self, *, sent: float = 0.0, posed: float | None = None) -> None:
         """A pose and a command, so many seconds ahead of the clock here; twice, as repeated."""

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 import yaml
-from random_trace import Recorded
+from random_trace import Recorded, take_over
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from test_recording import LATCHED
@@ -203,6 +203,30 @@ def test_another_policy_s_decisions_are_told(
         assert recorded['command'] != replayed['command']
         values = policy.decide(replayed['state']).values
         assert [float('inf') if v is None else v for v in replayed['values']] == list(values)
+
+
+def test_a_goal_requested_in_flight_is_followed_where_its_policy_set_is_given_too(
+    tmp_path: Path,
+    policy: Policy,
+    replay: Replay,
+    other: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    entries, outcomes, policies = take_over(policy.mission)
+    bag, sets = write_bag(tmp_path / 'bag', entries), [str(tmp_path / name) for name in 'ab']
+    for each, folder in zip(policies, sets, strict=True):
+        each.save(folder)
+    answer = replay(bag, '--policy', sets[1], policy=sets[0])
+    assert answer['decisions'] == answer['identical'] == len(outcomes)
+    told = answer['policy'], *answer['further_policies']
+    assert [each['directory'] for each in told] == sets
+    assert [each['digest'] for each in told] == [load_policy(folder).digest for folder in sets]
+    for directory in sets:
+        assert 'in a mission with other goals' in refusal(
+            [str(bag), '--policy', directory], capsys
+        )
+    same = refusal([str(bag), '--policy', CASE_STUDY, '--policy', other], capsys)
+    assert 'have the same goals and grid' in same
 
 
 def test_people_are_shown_what_differs(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import shutil
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,9 +15,15 @@ from uav_mission_manager.console import forecasting, policies
 from uav_mission_manager.console.fleet import MOST_ANSWERS_KEPT, Fleet
 from uav_mission_manager.console.forecasting import FORECAST_LIMITS, Forecaster, goal_chances
 from uav_mission_manager.console.heard import Heard, HeardDecision, Pose
-from uav_mission_manager.console.orders import QUESTIONS, OperatorOrder, question
+from uav_mission_manager.console.orders import (
+    QUESTIONS,
+    OperatorOrder,
+    question,
+    standing_priorities,
+)
 from uav_mission_manager.console.policies import PolicyShelf
 from uav_mission_manager.mdp import load_mission, mission_from_dict
+from uav_mission_manager.mdp.placing import place_goal
 from uav_mission_manager.paths import share_directory
 from uav_mission_manager.policy import build_policy, load_policy
 from uav_mission_manager.solver.evaluation.simulation import Simulator
@@ -74,6 +81,64 @@ def test_a_set_that_cannot_be_read_is_told_at_the_start_and_borne_later(tmp_path
     (tmp_path / 'set' / 'manifest.json').write_text('{')
     assert shelf.find(policy.digest, 100.0) is None
     assert shelf.find(load_policy(SETS / 'case_one').digest, 200.0) is not None
+
+
+@pytest.fixture(scope='module')
+def requested(policy, tmp_path_factory):
+    """Two policies: of a mission with a slot, and with a goal requested into it, on disk."""
+    goals = policy.mission.goals
+    slots = replace(policy.mission, goals=(*goals[:2], replace(goals[2], slot=True)))
+    folder = tmp_path_factory.mktemp('sets') / 'case_study.goals1'
+    placed, _ = place_goal(slots, '{"cell": 2, "name": "tree"}', [2])
+    build_policy(placed, 'split').save(folder)
+    return slots, load_policy(folder), str(folder)
+
+
+def names(mission):
+    return [goal.name for goal in mission.goals]
+
+
+def test_after_a_take_over_the_goals_are_those_of_the_set_that_was_announced(policy, requested):
+    _, placed, folder = requested
+    times = itertools.count(100.0, 2 * policies.LOOK_AGAIN_PERIOD)
+    fleet = Fleet(PolicyShelf([str(SETS / 'case_study')]), lambda: next(times), 3.0)
+    fleet.heard['/a'] = heard_of(policy.digest).with_policy_set(folder, '')
+    assert names(fleet.mission_of('/a')) == ['goal1', 'goal2', 'goal3']
+    fleet.heard['/a'] = heard_of(placed.digest)
+    assert fleet.mission_of('/a') is None, 'of a set that is not at hand nothing is shown'
+    fleet.heard['/a'] = heard_of(placed.digest).with_policy_set(folder, '')
+    until(lambda: fleet.mission_of('/a') is not None)
+    assert names(fleet.mission_of('/a')) == ['goal1', 'goal2', 'tree']
+    assert fleet.mission_of('/a').goals[2].cell == 2
+    assert [bar.name for bar in fleet.view('/a').now.parts] == ['goal1', 'goal2', 'tree']
+    fleet.heard['/a'] = heard_of(policy.digest).with_policy_set(folder, '')
+    assert names(fleet.mission_of('/a')) == ['goal1', 'goal2', 'goal3']
+
+
+def test_only_so_many_announced_sets_are_kept(policy, monkeypatch):
+    one = load_policy(SETS / 'case_one')
+    shelf = PolicyShelf([])
+    monkeypatch.setattr(policies, 'MOST_ANNOUNCED', 1)
+    times = itertools.count(100.0, 2 * policies.LOOK_AGAIN_PERIOD)
+    for each, name in ((policy, 'case_study'), (one, 'case_one')):
+        wanted = each.digest, str(SETS / name)
+        until(lambda w=wanted: shelf.find(w[0], next(times), w[1]))
+    assert shelf.find(policy.digest, next(times)) is None
+
+
+def test_a_recording_shows_the_mission_with_the_goals_of_each_moment(policy, requested):
+    slots, placed, _ = requested
+    fleet = fleet_of()
+    fleet.missions = slots, placed.mission
+    assert fleet.mission_of('/a') is slots, 'before anything is heard'
+    for goals, mission in (
+        (('goal1', 'goal2', 'goal3'), slots),
+        (('goal1', 'goal2', 'tree'), placed.mission),
+        (('goal1', 'goal2', 'hut'), None),
+    ):
+        decision = HeardDecision('why', 'elsewhere', state=STATE, command='x', goals=goals)
+        fleet.heard['/a'] = Heard().with_decision(decision, 0.0, '')
+        assert fleet.mission_of('/a') is mission
 
 
 def test_values_of_the_sub_mdps_are_the_policys(policy):
@@ -154,3 +219,16 @@ def test_every_order_is_asked_for_with_vehicle_and_values(kind):
     assert '/uav1' in asked
     assert ('goal1 none, goal2 low, goal3 high' in asked) == (kind == 'priorities')
     assert ('threat is high' in asked) == (kind == 'threat')
+
+
+def test_an_order_begins_with_what_is_asked_for_and_with_goals_requested_in_flight(requested):
+    slots, placed, _ = requested
+    larger, _ = place_goal(placed.mission, '{"cell": 4}', [], 4)
+    plain = replace(slots, goals=tuple(replace(goal, slot=False) for goal in slots.goals))
+    state = (1, 1, 1, 1, 0, 1, 2, 0, 0, 0, 0)
+    assert standing_priorities(plain, (2, 2, 1), state) == (2, 2, 1)
+    assert standing_priorities(plain, (2, 2, 1), ()) == (2, 2, 1)
+    assert standing_priorities(placed.mission, (2, 2, 1), state) == (2, 2, 2)
+    longer = (1, 1, 1, 1, 1, 0, 1, 2, 1, 0, 0, 0, 0)
+    assert standing_priorities(larger, (2, 2, 1), longer) == (2, 2, 2, 1)
+    assert standing_priorities(larger, (2, 2, 1), state) == (2, 2, 0, 0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -46,6 +47,7 @@ def test_a_decision_is_read_as_the_manager_writes_it(state):
     assert read.state == state
     assert read.command == format_command(policy.mission, decision.action)
     assert read.runner_up == format_command(policy.mission, decision.runner_up)
+    assert read.goals == tuple(goal.name for goal in policy.mission.goals)
     assert read.values == pytest.approx(decision.values, rel=1e-5)
     assert read.margin == pytest.approx(decision.margin, rel=1e-5)
     assert (read.reason, read.digest) == (decision.reason, 'digest')
@@ -84,7 +86,15 @@ def test_another_mission_begins_another_timeline():
     heard = Heard().with_decision(decided(), 1.0, '')
     heard = heard.with_decision(HeardDecision('silent'), 1.0, '')
     heard = heard.with_decision(decided((1, 1, 0, 0, 0, 0, 0), 'none normal'), 2.0, '')
-    assert [(epoch.number, len(epoch.state)) for epoch in heard.epochs] == [(1, 7)]
+    assert [(epoch.number, len(epoch.state)) for epoch in heard.epochs] == [(3, 7)]
+
+
+def test_another_goal_in_a_slot_begins_another_timeline():
+    heard = Heard().with_decision(replace(decided(), goals=('a', 'b', 'c')), 1.0, '')
+    heard = heard.with_decision(HeardDecision('silent'), 2.0, '')
+    assert [epoch.number for epoch in heard.epochs] == [1, 2]
+    heard = heard.with_decision(replace(decided(), goals=('a', 'tree', 'c')), 3.0, '')
+    assert [(epoch.number, epoch.decision.goals[1]) for epoch in heard.epochs] == [(3, 'tree')]
 
 
 def test_only_so_much_is_kept():

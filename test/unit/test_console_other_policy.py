@@ -37,7 +37,7 @@ def steps(states=STATES):
     """Each state decided in three times, by both."""
     outcomes = [(outcome_values(FLOWN.decide(s)), OTHER.decide(s)) for s in states for _ in '123']
     return [
-        (PERIOD * n, ReplayedStep(0.0, recorded, replayed))
+        (PERIOD * n, ReplayedStep(0.0, recorded, replayed, OTHER.mission))
         for n, (recorded, replayed) in enumerate(outcomes, 1)
     ]
 
@@ -95,8 +95,8 @@ def test_epochs_are_marked_although_their_topic_was_recorded_before_or_after(oth
 def test_who_decides_nothing_is_told_without_values():
     decision, refusal = FLOWN.decide(STATES[0]), Refusal('link lost')
     recorded = [outcome_values(refusal), outcome_values(decision)]
-    both = [(1.0, ReplayedStep(0.0, recorded[0], decision))]
-    both += [(2.0, ReplayedStep(0.0, recorded[1], refusal))]
+    both = [(1.0, ReplayedStep(0.0, recorded[0], decision, MISSION))]
+    both += [(2.0, ReplayedStep(0.0, recorded[1], refusal, MISSION))]
     other = OtherPolicy('other', MISSION, both)
     assert (other.at(1.0).flown, other.at(1.0).state) == ('', ())
     assert (other.at(2.0).command, other.at(2.0).reason) == ('', 'link lost')

@@ -12,11 +12,13 @@ from strategies import case_study
 from uav_mission_manager.autopilot.bridge import BridgeStep
 from uav_mission_manager.autopilot.task import Phase, PilotOutput
 from uav_mission_manager.autopilot.telemetry import BatteryReading, Position, Telemetry
-from uav_mission_manager.mdp import mission_from_dict
+from uav_mission_manager.mdp import global_actions, mission_from_dict
 from uav_mission_manager.nodes.flight_energy import FlightEnergy
+from uav_mission_manager.onboard import parse_command
 from uav_mission_manager.onboard.energy_use import EnergyUse
 
 MISSION = mission_from_dict(case_study(), 'test')
+NONE = global_actions(MISSION)[0]
 ENERGY = replace(MISSION.energy, agile_power=400.0)
 """A full battery lasts for 1065.6 s at the 250 W of normal flight, for 666 s at agile flight's."""
 
@@ -127,21 +129,22 @@ def step(phase, charge, **battery):
 def flown(energy, phase, command, power=500.0, **battery):
     """Fly for two minutes of the vehicle's own time; return what was told, step by step."""
     full, told = 5.0 * 14.8 * 3600.0, []
+    action = parse_command(MISSION, command) if command else None
     for second in range(120):
         position = Position(0.0, 0.0, 0.0, 0.0, 20.0, boot_time=float(second))
         charge = math.floor(100.0 - 100.0 * power * second / full) / 100.0
         telemetry = Telemetry(position=position)
-        told += energy.note(step(phase, charge, **battery), telemetry, command)
+        told += energy.note(step(phase, charge, **battery), telemetry, action)
     return told
 
 
 @pytest.mark.parametrize('phase', [Phase.EN_ROUTE, Phase.ON_SITE])
 def test_a_vehicle_that_flies_as_commanded_is_heard(phase):
-    energy = FlightEnergy(MISSION)
+    energy = FlightEnergy(MISSION.energy)
     told = flown(energy, phase, 'commit goal1 normal')
     assert len(told) == 1
     assert told == list(energy.warnings)
-    assert flown(FlightEnergy(MISSION), phase, 'commit goal1 agile')[0].endswith(
+    assert flown(FlightEnergy(MISSION.energy), phase, 'commit goal1 agile')[0].endswith(
         told[0].rpartition(' ')[2]
     )
 
@@ -157,11 +160,11 @@ def test_a_vehicle_that_flies_as_commanded_is_heard(phase):
     ],
 )
 def test_all_else_is_not(phase, command, battery):
-    assert not flown(FlightEnergy(MISSION), phase, command, **battery)
+    assert not flown(FlightEnergy(MISSION.energy), phase, command, **battery)
 
 
 def test_a_mission_without_energy_and_a_charge_that_is_not_known_say_nothing():
-    assert not flown(FlightEnergy(replace(MISSION, energy=None)), Phase.EN_ROUTE, 'none normal')
-    unknown = FlightEnergy(MISSION)
+    assert not flown(FlightEnergy(None), Phase.EN_ROUTE, 'none normal')
+    unknown = FlightEnergy(MISSION.energy)
     telemetry = Telemetry(position=Position(0.0, 0.0, 0.0, 0.0, 20.0))
-    assert not unknown.note(step(Phase.EN_ROUTE, math.nan), telemetry, 'none normal')
+    assert not unknown.note(step(Phase.EN_ROUTE, math.nan), telemetry, NONE)

@@ -408,7 +408,7 @@ def test_with_another_policy_the_command_stays_for_its_time(
 
 def test_a_policy_for_another_grid_is_not_adopted(flight: Flight) -> None:
     grid = replace(MISSION.grid, cell_size=60.0)
-    with pytest.raises(ValueError, match='for other goals, or another grid'):
+    with pytest.raises(ValueError, match='the policy is for another grid'):
         flight.manager.adopt(build_policy(replace(MISSION, grid=grid)))
 
 

@@ -497,6 +497,11 @@ def decided(at: float, command: str = 'none normal', **values: str) -> Message:
     return status(at, '/uav1/manager/decision', 'manager', 'because', **(known | values))
 
 
+def named(last: str) -> dict[str, str]:
+    """What a decision says of the goals, the last one of this name."""
+    return {f'{goal} priority': 'none' for goal in ('goal1', 'goal2', last)}
+
+
 def bridge(at: float, message: str, phase: str, **values: str) -> Message:
     known = {'link': 'up', 'phase': phase, 'armed': 'False', 'mode': 'GUIDED'}
     name = '/uav1/mavlink_bridge: autopilot'
@@ -513,6 +518,14 @@ def bag_of(folder: Path, messages: Sequence[Message]) -> Path:
             data = STORE.serialize_cdr(message, kind)
             writer.write(connections[topic], 10**18 + round(at * 1e9), bytes(data))
     return folder
+
+
+def test_without_a_policy_a_flight_may_have_more_goals_in_the_end(tmp_path: Path) -> None:
+    more = {'state': '1 1 1 1 1 0 0 0 2 0 4 0 0', 'values': '1 2 3 4 5 6 7 8 9 1 inf inf'}
+    messages = [decided(0.0), decided(20.0, 'commit tree normal', **more), decided(40.0, **more)]
+    bag, out = bag_of(tmp_path / 'bag', messages), tmp_path / 'report.html'
+    assert main([str(bag), '--out', str(out)]) == 0
+    assert 'GO TO tree' in out.read_text()
 
 
 def test_takeovers_and_refusals_are_told(tmp_path: Path) -> None:
@@ -612,6 +625,13 @@ def refusal(arguments: Sequence[str], capsys: pytest.CaptureFixture[str]) -> str
             lambda folder: bag_of(folder / 'bag', [decided(0.0, values='1 2')]),
             ('--policy', CASE_STUDY),
             'values: 2 numbers, not 10',
+        ),
+        (
+            lambda folder: bag_of(
+                folder / 'bag', [decided(0.0, **named('goal3')), decided(2.0, **named('tree'))]
+            ),
+            ('--policy', CASE_STUDY),
+            'at 2.00 s: decided in another mission than case_study: goals: goal1, goal2, tree',
         ),
     ],
 )

@@ -121,3 +121,39 @@ def test_a_request_is_the_same_with_restarts_anywhere_and_without(steps):
                 request.ask(step, str(number))
         assert one.memory == other.memory
         assert one.priorities == other.priorities
+
+
+def test_goals_added_in_flight_may_be_asked_for_and_left_out():
+    request = asked(2, 0, 1)
+    assert request.fault_in((2, 0, 1, 1))
+    request.learn((*GOALS, 'tree'))
+    assert request.priorities == (2, 0, 1), 'nothing was asked of it'
+    assert not request.complete('tree')
+    assert not request.fault_in((2, 0, 1))
+    request.ask((2, 0, 1, 1), 'second')
+    for count in 2, 5:
+        assert request.fault_in((0,) * count) == (
+            f'{count} values, the mission has 4 goals (north, east, south, tree), '
+            '1 of them added in flight'
+        )
+    assert request.complete('tree')
+    again = restarted(request)
+    assert (again.priorities, again.achieved) == ((2, 0, 1, 0), ['tree'])
+    again.learn(GOALS)
+    assert again.priorities == (2, 0, 1), 'the vehicle has it no more'
+
+
+def test_what_was_asked_of_a_goal_is_not_asked_of_the_one_in_its_place():
+    request = asked(2, 2, 1, achieved=['east'])
+    request.learn(('north', 'tree', 'south'))
+    assert request.priorities == (2, 0, 1)
+    request.ask((2, 1, 1), 'second')
+    assert request.complete('tree')
+    assert request.priorities == (2, 0, 1)
+
+
+def test_fewer_goals_than_the_mission_file_has_are_not_believed():
+    request = asked(2, 0, 1)
+    request.learn(('north', 'east'))
+    request.learn(())
+    assert request.priorities == (2, 0, 1)

@@ -130,7 +130,7 @@ def test_the_transform_is_what_the_odometry_says(monkeypatch, there):
     monkeypatch.setattr(vehicle_outputs, 'TFMessage', Transforms if there else None)
     mission = load_mission(CONFIG / 'case_study.yaml')
     origin = mission.grid.origin
-    outputs = vehicle_outputs.VehicleOutputs(node, mission, origin, lambda *_: None)
+    outputs = vehicle_outputs.VehicleOutputs(node, origin, lambda: [], lambda *_: None)
     place = origin.to_geodetic(30.0, -40.0)
     position = Position(0.0, *place, origin.altitude + 20.0, 20.0, heading=0.0)
     step = BridgeStep(PilotOutput(Phase.EN_ROUTE, ''), {}, position, None, ())

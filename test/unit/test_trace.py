@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from random_trace import STEPS, Recorded
+from random_trace import STEPS, Recorded, take_over
 
 from uav_mission_manager import build_policy, load_mission
 from uav_mission_manager.onboard import Refusal
@@ -120,6 +120,38 @@ def test_the_policies_that_were_flown_are_told(policy: Policy, other_policy: Pol
         assert replay.runs > 1
     finally:
         policy.digest = other_policy.digest = ''
+
+
+@pytest.mark.parametrize('wanted', [True, False])
+def test_a_take_over_with_other_goals_is_decided_anew_bit_for_bit(wanted: bool) -> None:
+    entries, outcomes, policies = take_over(MISSION, wanted)
+    for order in policies, policies[::-1]:
+        replay = Replay(*order)
+        steps = [step for entry in entries for step in replay.take(entry)]
+        assert [step.replayed for step in steps] == outcomes
+        missions = [policy.mission for policy in policies for _ in range(20)]
+        assert [step.mission for step in steps] == missions
+    states = [outcome.state for outcome in outcomes[20:] if isinstance(outcome, Decision)]
+    assert [state[6] for state in states] == [2 * wanted] * 20
+    begun_later = Replay(*policies)
+    late = [step.replayed for entry in entries[22:] for step in begun_later.take(entry)]
+    assert 10 < len(late) < 18
+    assert late == outcomes[-len(late) :]
+
+
+def test_a_take_over_without_its_policy_is_refused_in_one_line() -> None:
+    entries, _, policies = take_over(MISSION)
+    for policy, seconds in zip(policies, (20, 0), strict=True):
+        replay, steps = Replay(policy), list[ReplayedStep]()
+        decided = (step for entry in entries for step in replay.take(entry))
+        with pytest.raises(ValueError, match=r'^recorded in a mission with other goals [^\n]+$'):
+            steps.extend(decided)
+        assert len(steps) == seconds
+
+
+def test_two_policies_of_the_same_goals_are_refused(policy: Policy, other_policy: Policy) -> None:
+    with pytest.raises(ValueError, match='have the same goals and grid: give one'):
+        Replay(policy, other_policy)
 
 
 def test_states_are_seldom_written(policy: Policy) -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,13 +32,12 @@ def main(args: list[str] | None = None) -> int:
         options = _parser().parse_args(args)
         if options.serve:
             serve_flight(Path(options.bag), options.namespace, options.policy, options.port)
-        policy = load_policy(options.policy)
-        answer = _answer(options.bag, options.namespace, policy)
-        answer['policy']['directory'] = options.policy
+        policies = [load_policy(directory) for directory in options.policy]
+        answer = _answer(options.bag, options.namespace, dict(zip(options.policy, policies)))
         if options.json:
             print(json.dumps(answer, allow_nan=False))
         else:
-            print_replay(answer, policy.space)
+            print_replay(answer, [policy.space for policy in policies])
         return 0
 
 
@@ -50,7 +50,12 @@ def _parser() -> CommandParser:
     )
     parser.add_argument('bag', help='folder of mission_record or `ros2 bag record`, or its file')
     parser.add_argument(
-        '--policy', required=True, metavar='DIR', help='directory of the policy set to decide by'
+        '--policy',
+        required=True,
+        action='append',
+        metavar='DIR',
+        help='directory of the policy set to decide by; one more for each mission with other '
+        'goals, where some were requested in flight',
     )
     add_namespace(parser)
     how = parser.add_mutually_exclusive_group()
@@ -76,17 +81,22 @@ def _port(text: str) -> int:
     return int(text)
 
 
-def _answer(bag: str, vehicle: str | None, policy: Policy) -> dict[str, Any]:
-    """All that is found, as `--json` prints it (see docs/record.md)."""
-    replay, comparison = Replay(policy), Comparison(policy.mission)
+def _answer(bag: str, vehicle: str | None, policies: dict[str, Policy]) -> dict[str, Any]:
+    """All that is found by policies of directories, as `--json` prints it (docs/record.md)."""
+    replay, comparison = Replay(*policies.values()), Comparison()
+    told, *further = (
+        {'directory': directory, 'method': policy.method, 'digest': policy.digest}
+        for directory, policy in policies.items()
+    )
     seconds = 0.0
     for seconds, step in replayed_steps(Path(bag), vehicle, replay):
         comparison.add(seconds, step)
     return {
         'format': REPLAY_FORMAT,
         'bag': bag,
-        'mission': policy.mission.name,
-        'policy': {'method': policy.method, 'digest': policy.digest},
+        'mission': next(iter(policies.values())).mission.name,
+        'policy': told,
+        'further_policies': further,
         'flown_by': replay.policies,
         'seconds': seconds,
         'manager_starts': replay.runs,
@@ -100,10 +110,6 @@ def _answer(bag: str, vehicle: str | None, policy: Policy) -> dict[str, Any]:
 class Comparison:
     """Counts what is decided as it was, and keeps what is not.
 
-    Parameters
-    ----------
-    mission : Mission
-
     Attributes
     ----------
     counts : dict
@@ -112,8 +118,7 @@ class Comparison:
         One for each stretch in which one command takes the place of another.
     """
 
-    def __init__(self, mission: Mission) -> None:
-        self._mission = mission
+    def __init__(self) -> None:
         self.counts = dict.fromkeys(('decisions', 'identical', 'same', 'different'), 0)
         self.differences: list[dict[str, Any]] = []
         self._current: object = None
@@ -131,26 +136,28 @@ class Comparison:
             return
         if pair != self._current:
             self._current = pair
-            both = {'recorded': self._told(recorded), 'replayed': self._told(replayed)}
+            told = partial(_told, step.mission)
+            both = {'recorded': told(recorded), 'replayed': told(replayed)}
             self.differences.append({'seconds': seconds, **both, 'decisions': 0})
         self.differences[-1]['decisions'] += 1
         self.differences[-1]['until'] = seconds
 
-    def _told(self, outcome: RecordedOutcome) -> dict[str, Any]:
-        """Return an outcome with its command, in values that JSON has."""
-        if 'refused' in outcome:
-            return outcome
-        command, runner_up = (
-            number and format_command(self._mission, global_actions(self._mission)[number - 1])
-            for number in (outcome['action'], outcome['runner_up'])
-        )
-        return {
-            **outcome,
-            'command': command,
-            'runner_up_command': runner_up,
-            'values': [_plain(value) for value in outcome['values']],
-            'margin': _plain(outcome['margin']),
-        }
+
+def _told(mission: Mission, outcome: RecordedOutcome) -> dict[str, Any]:
+    """Return an outcome with its command, in values that JSON has."""
+    if 'refused' in outcome:
+        return outcome
+    command, runner_up = (
+        number and format_command(mission, global_actions(mission)[number - 1])
+        for number in (outcome['action'], outcome['runner_up'])
+    )
+    return {
+        **outcome,
+        'command': command,
+        'runner_up_command': runner_up,
+        'values': [_plain(value) for value in outcome['values']],
+        'margin': _plain(outcome['margin']),
+    }
 
 
 def _plain(value: float) -> float | None:

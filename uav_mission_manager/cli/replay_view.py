@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from uav_mission_manager.echo import shown
@@ -14,42 +15,44 @@ DIGITS = 12
 """Of a digest that are shown, as in the manager's log."""
 
 
-def print_replay(answer: dict[str, Any], space: StateSpace) -> None:
-    """Print what `mission_replay` found by a policy of a space of states."""
+def print_replay(answer: dict[str, Any], spaces: Sequence[StateSpace]) -> None:
+    """Print what `mission_replay` found by policies of some spaces of states."""
     policy, flown = answer['policy'], answer['flown_by']
     print(f'{shown(answer["bag"])}: {answer["seconds"]:.1f} s of {answer["mission"]}')
     names = [digest[:DIGITS] or 'a policy without files' for digest in flown]
     print(f'recorded by {", ".join(names) or "nobody"}')
-    print(f'replayed by {policy["digest"][:DIGITS]}, {policy["method"]}: {policy["directory"]}')
+    for each in policy, *answer['further_policies']:
+        print(f'replayed by {each["digest"][:DIGITS]}, {each["method"]}: {each["directory"]}')
     differences = answer['differences']
     for difference in differences[:MOST_SHOWN]:
-        _print_difference(difference, space)
+        _print_difference(difference, spaces)
     if len(differences) > MOST_SHOWN:
         print(f'and {len(differences) - MOST_SHOWN:,} more differences, which --json has')
     _print_counts(answer)
 
 
-def _print_difference(difference: dict[str, Any], space: StateSpace) -> None:
+def _print_difference(difference: dict[str, Any], spaces: Sequence[StateSpace]) -> None:
     recorded, replayed = difference['recorded'], difference['replayed']
     print(
         f'{difference["seconds"]:.2f} s to {difference["until"]:.2f} s, '
         f'{difference["decisions"]:,} decisions: {_command(recorded)} was commanded, '
         f'now {_command(replayed)}'
     )
-    print(f'    recorded {_reason(recorded, replayed, space)}')
-    print(f'    replayed {_reason(replayed, recorded, space)}')
+    print(f'    recorded {_reason(recorded, replayed, spaces)}')
+    print(f'    replayed {_reason(replayed, recorded, spaces)}')
 
 
 def _command(outcome: dict[str, Any]) -> str:
     return outcome.get('command', 'nothing')
 
 
-def _reason(outcome: dict[str, Any], other: dict[str, Any], space: StateSpace) -> str:
+def _reason(outcome: dict[str, Any], other: dict[str, Any], spaces: Sequence[StateSpace]) -> str:
     """State and Q values behind an outcome, and of what the other one chose."""
     if 'refused' in outcome:
         return shown(outcome['refused'])
     state = outcome['state']
-    named = space.text(state) if len(state) == len(space.names) else ' '.join(map(str, state))
+    texts = (space.text(state) for space in spaces if len(state) == len(space.names))
+    named = next(texts, ' '.join(map(str, state)))
     text = f'in {named}: {outcome["command"]} {_q(outcome)}'
     if outcome['margin'] is not None:
         text += f', margin {outcome["margin"]:.4g} to {outcome["runner_up_command"]}'

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
@@ -20,25 +21,26 @@ HOST = '127.0.0.1'
 """Address of the page: this machine's own."""
 
 
-def serve_flight(bag: Path, vehicle: str | None, policy: str, port: int) -> NoReturn:
+def serve_flight(bag: Path, vehicle: str | None, policies: Sequence[str], port: int) -> NoReturn:
     """Serve the page until the command is interrupted.
 
     Parameters
     ----------
     bag, vehicle
         See `recorded_flight`.
-    policy : str
-        Folder of the policy set whose decisions are shown beside those flown.
+    policies : sequence of str
+        Folders of the policy sets whose decisions are shown beside those flown, see `Replay`.
     port : int
         0 is any that is free.
     """
     serving = page_serving()
-    loaded, flight = load_policy(policy), recorded_flight(bag, vehicle)
-    name = f'{shown(Path(policy).name or policy, 60)} ({loaded.method})'
-    other = OtherPolicy(name, loaded.mission, replayed_steps(bag, vehicle, Replay(loaded)))
+    loaded, flight = [load_policy(policy) for policy in policies], recorded_flight(bag, vehicle)
+    name = f'{shown(Path(policies[0]).name or policies[0], 60)} ({loaded[0].method})'
+    steps = replayed_steps(bag, vehicle, Replay(*loaded))
+    other = OtherPolicy(name, loaded[0].mission, steps)
     playback = Playback(flight, time.monotonic, other)
-    fleet = Fleet(PolicyShelf([policy]), lambda: playback.position, DEFAULT_OLD_AFTER)
-    fleet.mission = loaded.mission
+    fleet = Fleet(PolicyShelf(policies), lambda: playback.position, DEFAULT_OLD_AFTER)
+    fleet.missions = tuple(policy.mission for policy in loaded)
     fleet.obstacle = 'this is a recording'
     listener = serving.listening_socket(HOST, port)
     server = serving.PageServer(fleet, listener, playback=playback)

@@ -5,8 +5,13 @@ from __future__ import annotations
 from nicegui import ui
 
 from uav_mission_manager.console.fleet import Fleet
-from uav_mission_manager.console.heard import Heard
-from uav_mission_manager.console.orders import PRIORITY_NAMES, OperatorOrder, question
+from uav_mission_manager.console.heard import Heard, last_state
+from uav_mission_manager.console.orders import (
+    PRIORITY_NAMES,
+    OperatorOrder,
+    question,
+    standing_priorities,
+)
 from uav_mission_manager.console.view import VehicleView
 from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import THREAT_LEVELS, Mission
@@ -80,9 +85,10 @@ class Controls:
 
     def _follow(self, heard: Heard) -> None:
         """Begin with what is so now: an order changes what the operator has changed, no more."""
-        asked = heard.asked.value if heard.asked else ()
-        if len(asked) == len(self._priorities):
-            for toggle, value in zip(self._priorities, asked):
+        if heard.asked and self._mission:
+            asked, state = heard.asked.value, last_state(heard.epochs)
+            standing = standing_priorities(self._mission, asked, state)
+            for toggle, value in zip(self._priorities, standing):
                 toggle.value = value
         if heard.threat is not None:
             self._threat.value = THREAT_LEVELS.index(heard.threat.value)

@@ -14,6 +14,7 @@ from uav_mission_manager.console.orders import OperatorOrder
 from uav_mission_manager.console.policies import PolicyShelf
 from uav_mission_manager.console.view import VehicleView, view_of
 from uav_mission_manager.console.words import staleness
+from uav_mission_manager.echo import shown
 from uav_mission_manager.mdp import Mission
 from uav_mission_manager.policy import Policy
 
@@ -53,13 +54,13 @@ class Fleet:
         What became of the last ones, in their order.
     obstacle : str
         Why no vehicle can be ordered anything, '' where one can.
-    mission : Mission or None
-        Of vehicles whose policy set is not at hand: goals and grid at least are theirs.
+    missions : tuple of Mission
+        Of vehicles whose policy set is not at hand: one of the same goals is shown.
     """
 
     answers: tuple[OrderAnswer, ...] = ()
     obstacle = ''
-    mission: Mission | None = None
+    missions: tuple[Mission, ...] = ()
 
     def __init__(self, shelf: PolicyShelf, clock: Callable[[], float], timeout: float) -> None:
         self.heard: dict[str, Heard] = {}
@@ -84,12 +85,16 @@ class Fleet:
         heard = self.heard.get(vehicle)
         if heard is None or heard.decision is None:
             return None
-        return self._shelf.find(heard.decision.value.digest, self.clock())
+        return self._shelf.find(heard.decision.value.digest, self.clock(), heard.policy_set)
 
     def mission_of(self, vehicle: str) -> Mission | None:
         """Return the mission that a vehicle flies; None while it is not known."""
-        policy = self.policy(vehicle)
-        return policy.mission if policy else self.mission
+        policy, heard = self.policy(vehicle), self.heard.get(vehicle, Heard())
+        if policy:
+            return policy.mission
+        goals = heard.decision.value.goals if heard.decision else ()
+        same = (m for m in self.missions if goals in ((), tuple(shown(g.name) for g in m.goals)))
+        return next(same, None)
 
     def view(self, vehicle: str) -> VehicleView:
         """Return what to show of a vehicle now."""

@@ -30,8 +30,9 @@ T_co = TypeVar('T_co', covariant=True)
 SHORTEST_STATE = 7
 """Variables of the state of a mission with one goal."""
 
-CHARGE_LEVEL, IN_RANGE = 'charge level', ' in range'
-"""Names of values of a decision: of the level b, and what ends that of each goal's range flag."""
+CHARGE_LEVEL, IN_RANGE, PRIORITY = 'charge level', ' in range', ' priority'
+"""Names of values of a decision: of the level b, and what ends those of each goal's range flag and
+priority."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,8 @@ class HeardDecision:
         Of the charge b in the state; 1 where it has range flags.
     in_range : tuple of int
         Range flag of each goal; empty where it is not told.
+    goals : tuple of str
+        Names of the goals in their order; empty where they are not told.
     """
 
     reason: str
@@ -89,6 +92,7 @@ class HeardDecision:
     upper_bound: float = math.inf
     levels: int = 1
     in_range: tuple[int, ...] = ()
+    goals: tuple[str, ...] = ()
 
     @property
     def space(self) -> StateSpace:
@@ -169,6 +173,7 @@ class Heard:
     bridge: Noted[HeardBridge] | None = None
     epochs: tuple[HeardEpoch, ...] = ()
     log: tuple[LogLine, ...] = ()
+    policy_set: str = ''
 
     def with_pose(self, pose: Pose, at: float) -> Heard:
         """Return what is known with a position; one that is not a number is unknown."""
@@ -186,12 +191,14 @@ class Heard:
     def with_decision(self, decision: HeardDecision, at: float, time_of_day: str) -> Heard:
         """Return what is known with a decision; one of a new kind begins an epoch."""
         heard = replace(self, decision=Noted(decision, at))
-        if len(decision.state) != len(last_state(self.epochs)) and decision.state:
+        before = _last_decision(self.epochs)
+        same = (len(decision.state), decision.goals) == (len(before.state), before.goals)
+        if decision.state and not same:
             heard = replace(heard, epochs=())  # Of another mission: its columns say nothing here.
         last = heard.epochs[-1] if heard.epochs else None
         if last and (last.state, last.command) == (decision.state, decision.command):
             return heard
-        number = last.number + 1 if last else 1
+        number = self.epochs[-1].number + 1 if self.epochs else 1
         epoch = HeardEpoch(number, time_of_day, decision)
         heard = replace(heard, epochs=(*heard.epochs, epoch)[-MOST_EPOCHS_KEPT:])
         if last and last.command == decision.command:
@@ -200,6 +207,11 @@ class Heard:
         if not decision.command:
             text, level = f'no command: {decision.reason}', 'warning'
         return heard.with_line(LogLine(time_of_day, text, level))
+
+    def with_policy_set(self, path: str, time_of_day: str) -> Heard:
+        """Return what is known with a policy set that was announced."""
+        heard = replace(self, policy_set=path)
+        return heard.with_line(LogLine(time_of_day, f'new policy set: {path}'))
 
     def with_bridge(self, bridge: HeardBridge, at: float, time_of_day: str) -> Heard:
         """Return what is known with the state of the bridge; a new phase is told."""
@@ -240,7 +252,12 @@ class Heard:
 
 def last_state(epochs: tuple[HeardEpoch, ...]) -> tuple[int, ...]:
     """The last state that was decided in; empty where there is none."""
-    return next((epoch.state for epoch in reversed(epochs) if epoch.state), ())
+    return _last_decision(epochs).state
+
+
+def _last_decision(epochs: tuple[HeardEpoch, ...]) -> HeardDecision:
+    decisions = (epoch.decision for epoch in reversed(epochs) if epoch.state)
+    return next(decisions, HeardDecision(''))
 
 
 def decision_from(message: str, values: Mapping[str, str]) -> HeardDecision:
@@ -272,6 +289,7 @@ def decision_from(message: str, values: Mapping[str, str]) -> HeardDecision:
         upper_bound=float(values.get('upper_bound', 'inf')),
         levels=levels,
         in_range=told if levels > 1 else state[1 : 1 + space.k],
+        goals=tuple(key[: -len(PRIORITY)] for key in values if key.endswith(PRIORITY)),
     )
 
 

@@ -98,6 +98,10 @@ def _told(what: str, level: str = '') -> HeardChange:
     return change
 
 
+def _policy_set(heard: Heard, message: Any, moment: Moment) -> Heard:
+    return heard.with_policy_set(message.data, moment.time_of_day)
+
+
 def _decision(heard: Heard, message: Any, moment: Moment) -> Heard:
     for status in message.status:
         heard = heard.with_decision(decision_from(status.message, _values(status)), *moment)
@@ -122,7 +126,7 @@ HEARD_CHANGES: dict[str, HeardChange] = {
     'goal_completed': _told('completed'),
     'goal_failed': _told('task failed', 'warning'),
     'goal_refused': _told('out of reach', 'warning'),
-    'policy_set': _told('new policy set'),
+    'policy_set': _policy_set,
     DECISION_TOPIC: _decision,
     DIAGNOSTICS_TOPIC: _bridge,
 }

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from uav_mission_manager.mdp import THREAT_LEVELS, Mission
+import numpy as np
+
+from uav_mission_manager.mdp import THREAT_LEVELS, Mission, StateSpace
 
 PRIORITY_NAMES = ('none', 'low', 'high')
 """Names of the priorities 0, 1 and 2."""
@@ -40,6 +43,30 @@ QUESTIONS = {
     'it.',
 }
 """What is asked before an order is given."""
+
+
+def standing_priorities(
+    mission: Mission, asked: Sequence[int], state: Sequence[int]
+) -> tuple[int, ...]:
+    """Return the priorities that an order begins with: an operator changes some of them.
+
+    They are as asked for. Those of goals that were requested in flight, which nobody may have
+    asked the base station for, are as the manager holds them.
+
+    Parameters
+    ----------
+    mission : Mission
+    asked : sequence of int
+        What the base station asks for; it may leave added goals out.
+    state : sequence of int
+        That was last decided in; empty for none.
+    """
+    space, none = StateSpace.of(mission), (0,) * mission.k
+    held = space.split(np.array(state)).g if len(state) == len(space.names) else none
+    return tuple(
+        int(held[j] if goal.slot or j >= len(asked) else asked[j])
+        for j, goal in enumerate(mission.goals)
+    )
 
 
 def question(order: OperatorOrder, mission: Mission | None) -> str:

@@ -54,7 +54,7 @@ class OtherPolicy:
     name : str
         What to call it.
     mission : Mission
-        That it was built from: goals and grid are those of the flight.
+        That it was built from: the grid is that of the flight.
     steps : iterable of (float, ReplayedStep)
         Each decision, and when it was recorded [s]; at least one.
 
@@ -73,7 +73,7 @@ class OtherPolicy:
         self._decisions: list[OtherDecision] = []
         end = 0.0
         for end, step in steps:
-            found = _other_decision(mission, step)
+            found = _other_decision(step)
             if self._decisions[-1:] != [found]:
                 self._times.append(end)
                 self._decisions.append(found)
@@ -112,15 +112,15 @@ class OtherPolicy:
         return found
 
 
-def _other_decision(mission: Mission, step: ReplayedStep) -> OtherDecision:
+def _other_decision(step: ReplayedStep) -> OtherDecision:
     flown, other = step.recorded, outcome_values(step.replayed)
     costs: tuple[float | None, float | None] = None, None
     if 'action' in flown and 'action' in other:
         costs = _extra(other, flown['action']), _extra(flown, other['action'])
     return OtherDecision(
         tuple(flown.get('state', ())),
-        _command(mission, flown),
-        _command(mission, other),
+        _command(step.mission, flown),
+        _command(step.mission, other),
         step.replayed.reason,
         *costs,
     )

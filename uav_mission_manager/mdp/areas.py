@@ -66,6 +66,19 @@ def fault_of_polygon(polygon: Polygon, origin: Origin) -> str:
     return '' if area >= LEAST_AREA else f'an area of {area:.2g} m2 is below {LEAST_AREA:g} m2'
 
 
+def is_inside(polygon: Polygon, latitude: float, longitude: float) -> bool:
+    """Whether a place [deg] is inside a polygon: a line from it to the east crosses it once more.
+
+    An edge counts with its southern end alone, so a corner on that line counts once.
+    """
+    inside = False
+    for (lat, lon), (next_lat, next_lon) in zip(polygon, (*polygon[1:], polygon[0]), strict=True):
+        if (lat <= latitude) != (next_lat <= latitude):
+            share = (latitude - lat) / (next_lat - lat)
+            inside ^= longitude < lon + share * (next_lon - lon)
+    return inside
+
+
 def _cross(one: FloatArray, other: FloatArray) -> FloatArray:
     return one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
 

@@ -157,6 +157,16 @@ name = Check(_name, {'type': 'string', 'pattern': r'^\S+$', 'maxLength': MAX_NAM
 """Check a string without white space, which every log and topic can carry."""
 
 
+def _boolean(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise Bad(f'{quoted(value)} is neither true nor false')
+    return value
+
+
+boolean = Check(_boolean, {'type': 'boolean'})
+"""Check true or false."""
+
+
 def _names(value: Any) -> tuple[str, ...]:
     if not isinstance(value, (list, tuple)):
         raise Bad(f'{quoted(value)} is not a list of names')

@@ -115,6 +115,29 @@ def read_task(section: Section, grid: Grid, cell: int) -> GoalTask:
     section.fail('', f'has none of {", ".join(KINDS)}')
 
 
+def read_slot(
+    section: Section, task: GoalTask | None, after_added: bool
+) -> tuple[bool, int, bool]:
+    """Return whether a goal is a slot, the priority it was requested with, and if it is added.
+
+    Raises
+    ------
+    MissionError
+        A slot whose task is bound to a place, a request without a slot, an added goal that is
+        none, or one that is not added `after_added` ones.
+    """
+    slot, requested, added = (section.get(key) for key in ('slot', 'requested', 'added'))
+    if slot and isinstance(task, Waypoints):
+        section.fail('slot', 'has no place yet, so its task cannot be waypoints')
+    if requested and not slot:
+        section.fail('requested', 'only a slot has one')
+    if added and not slot:
+        section.fail('added', 'only a slot can be')
+    if after_added and not added:
+        section.fail('added', 'the goal before it is, so this one must be too')
+    return slot, requested, added
+
+
 def _near(points: tuple[Waypoint, ...], grid: Grid, cell: int) -> tuple[Waypoint, ...]:
     """Return waypoints that are on the grid and near the cell; so are the legs between them."""
     if grid.origin is None:

@@ -64,6 +64,13 @@ class Goal:
         plan.
     completion : tuple of 8, or None
         P(completed in one epoch on site | f); None for that of `Faults`.
+    slot : bool
+        Whether a goal that is requested in flight may take its place (`mdp.placing`).
+    requested : int
+        Priority that the goal in a slot was requested with; 0 for none.
+    added : bool
+        Whether it is a slot that the mission file has not. None of the three is a part of the
+        decision process: missions that differ in nothing else are equal and have one digest.
     """
 
     name: str
@@ -73,6 +80,9 @@ class Goal:
     priority_transition: Matrix
     task: GoalTask | None = None
     completion: Row | None = None
+    slot: bool = field(default=False, compare=False)
+    requested: int = field(default=0, compare=False)
+    added: bool = field(default=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -248,8 +258,8 @@ class Mission:
         del data['extra_costs']
         for entry, goal in zip(data['goals'], self.goals, strict=True):
             entry['task'] = goal.task and task_to_dict(goal.task)
-            for key in ('task', 'completion'):
-                if entry[key] is None:
+            for key in ('task', 'completion', 'slot', 'requested', 'added'):
+                if not entry[key]:
                     del entry[key]
         data['threat']['zones'] = {str(cell): onset for cell, onset in self.threat.zones}
         if self.grid.origin is None:
@@ -274,8 +284,10 @@ class Mission:
         return data
 
     def digest(self) -> str:
-        """SHA-256 of the mission in canonical JSON, without areas, fleet and tasks at goals."""
-        goals = tuple(replace(goal, task=None) for goal in self.goals)
+        """SHA-256 of the mission in canonical JSON, without areas, fleet, slots and tasks."""
+        goals = tuple(
+            replace(goal, task=None, slot=False, requested=0, added=False) for goal in self.goals
+        )
         data = replace(self, goals=goals, areas=Areas(), fleet=FleetRules()).to_dict()
         text = json.dumps(data, sort_keys=True, separators=(',', ':'))
         return hashlib.sha256(text.encode()).hexdigest()

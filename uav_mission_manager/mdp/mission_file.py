@@ -23,7 +23,7 @@ from uav_mission_manager.mdp.energy import ByMode, Charge, Drain, Energy, Range
 from uav_mission_manager.mdp.epoch import Epoch
 from uav_mission_manager.mdp.fields import Bad
 from uav_mission_manager.mdp.fleet_rules import FleetRules, PriorityWeights
-from uav_mission_manager.mdp.goal_tasks import read_task
+from uav_mission_manager.mdp.goal_tasks import read_slot, read_task
 from uav_mission_manager.mdp.grid import Grid
 from uav_mission_manager.mdp.mission import (
     Faults,
@@ -219,10 +219,10 @@ def _goals(
             section.fail('priority_transition', 'is missing')
         name, cell = section.get('name'), section.get('cell', _cell(grid))
         task = section.below('task', partial(read_task, grid=grid, cell=cell))
-        own = _either(
-            section, 'completion', 'done_in', partial(_done, epoch=epoch, shared=completion)
-        )
-        goal = Goal(name, cell, eta, delta, transition, task, own)
+        done = partial(_done, epoch=epoch, shared=completion)
+        own = _either(section, 'completion', 'done_in', done)
+        slot = read_slot(section, task, bool(goals and goals[-1].added))
+        goal = Goal(name, cell, eta, delta, transition, task, own, *slot)
         if goal.name in (other.name for other in goals):
             section.fail('name', f'{quoted(goal.name)} is the name of another goal too')
         goals.append(goal)

@@ -124,6 +124,24 @@ _GOAL = Table(
             'what is done there; without, the vehicle stays for goal_dwell of the bridge',
             None,
         ),
+        Field(
+            'slot',
+            fields.boolean,
+            'whether a goal that is requested in flight may take its place',
+            False,
+        ),
+        Field(
+            'requested',
+            fields.integer(0, 2),
+            'written by the solver: priority that the goal in a slot was requested with',
+            0,
+        ),
+        Field(
+            'added',
+            fields.boolean,
+            'written by the solver: whether it was requested where no slot was free',
+            False,
+        ),
     ),
     ((('eta', 'delta'), ('worth',)), ONE_WAY_OF_PRIORITIES, (('completion',), ('done_in',))),
 )

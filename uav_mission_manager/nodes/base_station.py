@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import sys
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from std_msgs.msg import String, UInt8MultiArray
 
+from uav_mission_manager.console.heard import PRIORITY
 from uav_mission_manager.mdp import load_mission
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.clocks import safety_clock
@@ -44,7 +46,7 @@ class BaseStation(Node):
         super().__init__('base_station')
         settings = declare(self, PARAMETERS, later=(REQUESTED_PRIORITIES,))
         mission = load_mission(settings.mission)
-        self._goals = tuple(goal.name for goal in mission.goals)
+        self._mission = mission
         self._journal = open_journal(self, settings.state_dir, 'base_station', mission)
         self._publisher = self.create_publisher(
             UInt8MultiArray,
@@ -59,10 +61,17 @@ class BaseStation(Node):
             qos.EVENT,
             qos_overriding_options=qos.OVERRIDABLE,
         )
+        self.create_subscription(
+            DiagnosticArray,
+            'manager/decision',
+            self._on_decision,
+            qos.LATCHED,
+            qos_overriding_options=qos.OVERRIDABLE,
+        )
         memory, trouble = state_before(self._journal)
         if trouble:
             self.get_logger().warning(f'{trouble}; not used: nothing was asked for')
-        self._request = PriorityRequest(self._goals, memory)
+        self._request = PriorityRequest([goal.name for goal in mission.goals], memory)
         PriorityParameter(self, self._request, mission.k, self._on_asked)
         self._presence = Presence(self, 'base_station', settings.listening_time)
         self.create_timer(1.0 / settings.rate, self._publish, clock=safety_clock())
@@ -74,6 +83,14 @@ class BaseStation(Node):
     def _on_completed(self, message: String) -> None:
         if self._request.complete(message.data):
             self._publish()
+
+    def _on_decision(self, message: DiagnosticArray) -> None:
+        """Learn of goals that were requested in flight, unless it is another mission's manager."""
+        keys = (pair.key for status in message.status for pair in status.values)
+        names = [key.removesuffix(PRIORITY) for key in keys if key.endswith(PRIORITY)]
+        goals = self._mission.goals
+        if all(goal.slot or goal.name == name for goal, name in zip(goals, names)):
+            self._request.learn(names)
 
     def _publish(self) -> None:
         """Record the request, then say it: what has been heard is not forgotten."""

@@ -7,8 +7,7 @@ import math
 from uav_mission_manager.autopilot.bridge import BridgeStep
 from uav_mission_manager.autopilot.task import Phase
 from uav_mission_manager.autopilot.telemetry import Telemetry
-from uav_mission_manager.mdp import Mission
-from uav_mission_manager.onboard import parse_command
+from uav_mission_manager.mdp import Action, Energy
 from uav_mission_manager.onboard.energy_use import EnergyUse
 
 FLYING = Phase.EN_ROUTE, Phase.ON_SITE
@@ -18,26 +17,27 @@ FLYING = Phase.EN_ROUTE, Phase.ON_SITE
 class FlightEnergy:
     """Hears of each step of a bridge; without an energy model of the mission nothing is said."""
 
-    def __init__(self, mission: Mission) -> None:
-        self._mission = mission
-        self._use = None if mission.energy is None else EnergyUse(mission.energy)
+    def __init__(self, energy: Energy | None) -> None:
+        self._use = None if energy is None else EnergyUse(energy)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is drawn otherwise than planned, a line for each mode."""
         return tuple(self._use.warnings.values()) if self._use else ()
 
-    def note(self, step: BridgeStep, telemetry: Telemetry, command: str) -> tuple[str, ...]:
-        """Take a step, and the manager's command in it, '' for none; return new warnings."""
+    def note(
+        self, step: BridgeStep, telemetry: Telemetry, action: Action | None
+    ) -> tuple[str, ...]:
+        """Take a step, and the action commanded in it, if any; return new warnings."""
         position, use = telemetry.position, self._use
         if use is None:
             return ()
-        if position is None or not command or step.pilot.phase not in FLYING:
+        if position is None or action is None or step.pilot.phase not in FLYING:
             use.interrupt()
             return ()
         charges = [battery.charge for battery in step.batteries.values() if battery.healthy]
         if not charges or any(map(math.isnan, charges)):
             return ()
         before = self.warnings
-        use.note(min(charges), parse_command(self._mission, command).agile, position.boot_time)
+        use.note(min(charges), action.agile, position.boot_time)
         return self.warnings[len(before) :]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from uav_mission_manager.autopilot.task import FlightTask
 from uav_mission_manager.goal_task import Waypoint, Waypoints
@@ -41,14 +42,24 @@ class FlightPlan:
         With a `grid.origin`; ValueError otherwise.
     flight_altitude : float
         Above the ground [m]; on the way, above that of the highest cell.
+
+    source : str
+        Path of the policy set that the mission is from, '' for the mission file.
+
+    Attributes
+    ----------
+    mission : Mission
+    origin : Origin
+    flight_altitude : float
+    source : str
     """
 
-    def __init__(self, mission: Mission, flight_altitude: float) -> None:
+    def __init__(self, mission: Mission, flight_altitude: float, source: str = '') -> None:
         if mission.grid.origin is None:
             raise ValueError('grid.origin is missing; the bridge needs it to fly')
         self.origin: Origin = mission.grid.origin
-        self._mission = mission
-        self._flight_altitude = flight_altitude
+        self.mission, self.source = mission, source
+        self.flight_altitude = flight_altitude
         self._above = self.origin.altitude + flight_altitude
         cells = range(mission.grid.rows * mission.grid.cols)
         self._places = [self.origin.to_geodetic(*mission.grid.position(cell)) for cell in cells]
@@ -56,13 +67,13 @@ class FlightPlan:
 
     def task(self, action: Action, text: str) -> FlightTask:
         """Return the task of an action; `text` is its command."""
-        goal = None if action.goal is None else self._mission.goals[action.goal]
+        goal = None if action.goal is None else self.mission.goals[action.goal]
         work = goal.task if goal else None
         points = work.points if isinstance(work, Waypoints) else ()
         return FlightTask(
             text,
             *self._places[action.destination],
-            altitude=self._above + self._mission.grid.ground(action.destination),
+            altitude=self._above + self.mission.grid.ground(action.destination),
             cruise_altitude=self._above + self._highest,
             agile=action.agile,
             goal=goal.name if goal else '',
@@ -74,12 +85,29 @@ class FlightPlan:
 
     def _point(self, point: Waypoint) -> tuple[float, float, float]:
         """Return latitude, longitude [deg] and altitude above mean sea level [m]."""
-        height = self._flight_altitude if point.height is None else point.height
+        height = self.flight_altitude if point.height is None else point.height
         ground = self.ground(point.latitude, point.longitude)
         return point.latitude, point.longitude, ground + height
 
     def ground(self, latitude: float, longitude: float) -> float:
         """Altitude of the ground above mean sea level [m] at a place [deg], by the mission."""
-        grid = self._mission.grid
+        grid = self.mission.grid
         cell = grid.cell_at(*self.origin.to_local(latitude, longitude))
         return self.origin.altitude + grid.ground(cell)
+
+
+@dataclass
+class Plans:
+    """What is flown by, and what the manager may command by any time; None for nothing else."""
+
+    present: FlightPlan
+    next: FlightPlan | None = None
+
+    @property
+    def latest(self) -> FlightPlan:
+        """The plan of the latest policy set."""
+        return self.next or self.present
+
+    def goals(self) -> list[str]:
+        """Names of the goals that are flown to."""
+        return [goal.name for goal in self.present.mission.goals]

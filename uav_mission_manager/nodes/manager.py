@@ -35,7 +35,7 @@ from uav_mission_manager.onboard import (
     format_command,
 )
 from uav_mission_manager.onboard.heard_input import HeardInput
-from uav_mission_manager.onboard.journal import Journal
+from uav_mission_manager.onboard.journal import Journal, goals_hash
 from uav_mission_manager.onboard.trace import TraceWriter
 from uav_mission_manager.policy import Decision, load_policy
 
@@ -122,6 +122,8 @@ class Manager(ManagedNode):
         self._journal = open_journal(self, p.state_dir, 'manager', self._asked.policy.mission)
         found = recollect(self._journal, self._asked, self._manager_settings)
         self._core, self._used, self._trouble = found.core, found.used, found.trouble
+        self._journal.mission = goals_hash(found.core.policy.mission)
+        self._knows_since = -math.inf if found.goes_on else seconds(self._steady)
         self._trace = TraceWriter(found.core, seconds(self._steady))
         self._outcome: Decision | Refusal = Refusal('no decision yet')
         self._remembered: tuple[int, ...] = ()
@@ -281,15 +283,17 @@ class Manager(ManagedNode):
         )
         self._outputs.diagnose(statuses)
 
-    async def _take_over(self, path: str) -> str:
+    async def _take_over(self, path: str, wanted: bool = True) -> str:
         """Fly on with the policy set in `path`; return why not, or an empty string."""
         core = self._core
         try:
-            load = partial(load_policy, path, core.policy.mission)
-            policy = await self._loading.run(load)
+            policy = await self._loading.run(partial(load_policy, path))
             if not self.active or core is not self._core:
                 return 'deactivated meanwhile'
-            core.adopt(policy)
+            try:
+                new = core.adopt(policy, wanted)
+            except ValueError as error:
+                raise ValueError(f'{shown(path)}: {error}') from error
         except SupersededError as error:
             return str(error)
         except START_ERRORS as error:
@@ -298,13 +302,20 @@ class Manager(ManagedNode):
             return why
         self._complaints.settle('policy_set')
         self._used = PolicyInUse(policy, path, self._asked.path)
-        self._trace.adopt()
-        self.get_logger().info(f'policy taken over: {self._label}')
+        if self._journal is not None:
+            self._journal.mission = goals_hash(policy.mission)
+        self._trace.adopt(wanted)
+        unwanted = '' if wanted else ', not wanted: requested before this manager, which forgot'
+        goals = f'; goals {", ".join(new)}{unwanted}' if new else ''
+        self.get_logger().info(f'policy taken over: {self._label}{goals}')
         self._step(repeat=True)
         return ''
 
-    async def _on_policy_set(self, message: String) -> None:
-        await self._take_over(message.data)
+    async def _on_policy_set(self, message: String, info: dict[str, int]) -> None:
+        """Goals requested before this manager, by one of which nothing is known, may be done."""
+        age = (info['received_timestamp'] - info['source_timestamp']) * 1e-9
+        wanted = seconds(self._steady) - age >= self._knows_since
+        await self._take_over(message.data, wanted)
 
     async def _on_reload(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         refused = await self._take_over(self._used.path)

@@ -12,11 +12,11 @@ from std_msgs.msg import String, UInt8MultiArray
 from uav_mission_manager.autopilot.pilot import Pilot
 from uav_mission_manager.echo import quoted, shown
 from uav_mission_manager.frames import MAP_FRAME
-from uav_mission_manager.mdp import Mission
+from uav_mission_manager.mdp import Action
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.clocks import safety_clock, seconds
 from uav_mission_manager.nodes.complaints import Complaints
-from uav_mission_manager.nodes.flight_plan import FlightPlan
+from uav_mission_manager.nodes.flight_plan import FlightPlan, Plans
 from uav_mission_manager.onboard import InputError, parse_command
 from uav_mission_manager.onboard.stamps import stamp_age
 
@@ -32,6 +32,9 @@ class ManagerInputs:
     what is older than `timeout`, or comes from the future: the latched word of a manager that is
     silent by now, or of one whose clock is wrong.
 
+    Another plan takes the place of the present one with the first command that is to be flown by
+    it alone: the manager knows when a goal that is no more is left.
+
     Attributes
     ----------
     command : str
@@ -40,15 +43,14 @@ class ManagerInputs:
         See above [s].
     """
 
-    def __init__(
-        self, node: Node, mission: Mission, plan: FlightPlan, pilot: Pilot, timeout: float
-    ) -> None:
-        self._node, self._mission, self._plan, self._pilot = node, mission, plan, pilot
+    def __init__(self, node: Node, plans: Plans, pilot: Pilot, timeout: float) -> None:
+        self._node, self._plans, self._pilot = node, plans, pilot
         self.timeout = timeout
         self._clock = safety_clock()
         self._complaints = Complaints(lambda text: node.get_logger().error(text))
         self._complained_at: dict[str, float] = {}
         self.command = self._received = self._pose_trouble = ''
+        self.action: Action | None = None
         self._pose_cell: int | None = None
         self._posed_at = self._commanded_at = self._goals_at = -math.inf
         # The manager publishes goals and pose before the command. Where all have arrived, the
@@ -102,7 +104,7 @@ class ManagerInputs:
         self._pose_trouble = self._trouble('command_pose', stamp, seconds(self._node.get_clock()))
         if not self._pose_trouble:
             self._complaints.settle('command_pose')
-        grid, point = self._mission.grid, message.pose.position
+        grid, point = self._plans.present.mission.grid, message.pose.position
         inside = not self._pose_trouble and grid.contains(point.x, point.y)
         self._pose_cell = grid.cell_at(point.x, point.y) if inside else None
         self._posed_at = self._now()
@@ -111,8 +113,9 @@ class ManagerInputs:
         if self._trouble('mission_command', *_times(info), f'{quoted(message.data)} '):
             return
         repeated, self._received = message.data == self._received, message.data
+        plan = self._plan_of(message.data)
         try:
-            action = parse_command(self._mission, message.data)
+            action = parse_command(plan.mission, message.data)
         except ValueError as error:
             self._complain('mission_command', f'{error}; keeping {self.command or "none"!r}')
             return
@@ -120,15 +123,36 @@ class ManagerInputs:
         posed = not self._old(self._posed_at, now)
         if self._pose_cell == action.destination if posed else repeated:
             self._complaints.settle('mission_command')
-            self.command, self._commanded_at = message.data, now
-            self._pilot.command(self._plan.task(action, message.data), now)
+            self.command, self.action, self._commanded_at = message.data, action, now
+            self._pilot.command(plan.task(action, message.data), now)
         elif repeated:  # Else the pose may still be on its way.
             self._complain(
                 'mission_command',
                 self._pose_trouble
                 or 'command_pose is not the destination of mission_command in '
-                f'{self._mission.name}: the manager has another mission; not flown',
+                f'{plan.mission.name}: the manager has another mission; not flown',
             )
+
+    def _plan_of(self, command: str) -> FlightPlan:
+        """Return what to fly a command by, from now on the next plan if it is of that alone."""
+        plans = self._plans
+        if (
+            plans.next
+            and not self._is_of(plans.present, command)
+            and self._is_of(plans.next, command)
+        ):
+            plans.present, plans.next = plans.next, None
+            goals = shown(', '.join(plans.goals()))
+            self._node.get_logger().info(f'goals are now {goals}: {shown(plans.present.source)}')
+        return plans.present
+
+    def _is_of(self, plan: FlightPlan, command: str) -> bool:
+        """Whether a command leads by a plan to where the manager says."""
+        try:
+            destination = parse_command(plan.mission, command).destination
+        except ValueError:
+            return False
+        return destination == self._pose_cell and not self._old(self._posed_at, self._now())
 
     def _trouble(self, topic: str, stamp: float, clock: float, what: str = '') -> str:
         """Say so where a message is too old, or too new, to be believed; '' where it is not."""

@@ -21,20 +21,21 @@ from uav_mission_manager.autopilot.task import Settings
 from uav_mission_manager.autopilot.vehicle import mode_name
 from uav_mission_manager.mdp import load_mission
 from uav_mission_manager.nodes import qos
+from uav_mission_manager.nodes.bridge_memory import BridgeMemory
 from uav_mission_manager.nodes.clocks import ClockWatch, safety_clock, seconds
 from uav_mission_manager.nodes.flight_energy import FlightEnergy
-from uav_mission_manager.nodes.flight_plan import FlightPlan, speed_differences
+from uav_mission_manager.nodes.flight_plan import FlightPlan, Plans, speed_differences
 from uav_mission_manager.nodes.goal_answers import GoalAnswers
 from uav_mission_manager.nodes.lifecycle import AUTOSTART, FAILURE, ManagedNode
 from uav_mission_manager.nodes.log_limit import LogLimit
 from uav_mission_manager.nodes.manager_inputs import ManagerInputs
-from uav_mission_manager.nodes.memory import STATE_DIR, moment, open_journal, time_here
+from uav_mission_manager.nodes.memory import STATE_DIR, open_journal
 from uav_mission_manager.nodes.parameters import NodeParameter, declare
+from uav_mission_manager.nodes.plan_offers import PlanOffers
 from uav_mission_manager.nodes.presence import LISTENING, Presence
 from uav_mission_manager.nodes.reporting import status
 from uav_mission_manager.nodes.runtime import run_node
 from uav_mission_manager.nodes.vehicle_outputs import VehicleOutputs
-from uav_mission_manager.onboard.journal import Journal
 
 POLL_PERIOD = 0.05
 """Time [s] between two looks at the link, and two steps of the pilot: a choice, 20 Hz."""
@@ -126,7 +127,6 @@ class MavlinkBridge(ManagedNode):
     """
 
     _bridge: VehicleBridge
-    _journal: Journal
 
     def __init__(self) -> None:
         super().__init__('mavlink_bridge')
@@ -135,7 +135,6 @@ class MavlinkBridge(ManagedNode):
         self._limit = LogLimit()
         self._opened, self._begun = ExitStack(), ExitStack()
         self._configured = False
-        self._written: dict[str, Any] = {}
         self.create_service(Trigger, '~/hold', self._on_hold)
         self.create_service(Trigger, '~/resume', self._on_resume)
 
@@ -144,7 +143,7 @@ class MavlinkBridge(ManagedNode):
         p = self._settings
         self._mission = load_mission(p.mission)
         try:
-            self._plan = FlightPlan(self._mission, p.flight_altitude)
+            self._plans = Plans(FlightPlan(self._mission, p.flight_altitude))
         except ValueError as error:
             raise ValueError(f'{p.mission}: {error}') from error
         for text in speed_differences(self._mission, p.cruise_speed, p.agile_speed):
@@ -157,13 +156,15 @@ class MavlinkBridge(ManagedNode):
             timeout=p.link_timeout,
         )
         self._opened.callback(link.close)
-        pilot = Pilot(self._flight_settings(), self._plan.ground)
+        pilot = Pilot(self._flight_settings(), self._plans.present.ground)
         pilot.active = False
         self._bridge = VehicleBridge(link, pilot, FaultEstimator(p.effectiveness_threshold))
-        self._journal = open_journal(self, p.state_dir, 'mavlink_bridge', self._mission)
-        self._opened.callback(self._journal.close)
-        self._energy = FlightEnergy(self._mission)
-        self._recall()
+        self._bridge.remember = self._remember
+        journal = open_journal(self, p.state_dir, 'mavlink_bridge', self._mission)
+        self._opened.callback(journal.close)
+        self._memory = BridgeMemory(journal, self._plans, self._log)
+        self._energy = FlightEnergy(self._mission.energy)
+        self._memory.recall(self._bridge)
         self._clock_watch = ClockWatch(self)
         self._presence = Presence(self, 'mavlink_bridge', p.listening_time)
         self.create_timer(POLL_PERIOD, self._poll, clock=self._steady)
@@ -172,12 +173,15 @@ class MavlinkBridge(ManagedNode):
     def activate(self) -> None:
         """Publish, and obey the manager."""
         p, pilot = self._settings, self._bridge.pilot
-        self._outputs = VehicleOutputs(self, self._mission, self._plan.origin, self._log)
+        self._outputs = VehicleOutputs(
+            self, self._plans.present.origin, self._plans.goals, self._log
+        )
         self._begun.callback(self._outputs.close)
         self._diagnostics = self.create_publisher(
             DiagnosticArray, '/diagnostics', qos.RELIABLE, qos_overriding_options=qos.OVERRIDABLE
         )
-        self._inputs = ManagerInputs(self, self._mission, self._plan, pilot, p.manager_timeout)
+        self._inputs = ManagerInputs(self, self._plans, pilot, p.manager_timeout)
+        self._offers = PlanOffers(self, self._plans, self._log)
         self._answers = GoalAnswers(self, self._bridge, self._log)
         self.create_timer(1.0, self._diagnose, clock=self._steady)
         pilot.set_active(True, self._now())
@@ -214,28 +218,9 @@ class MavlinkBridge(ManagedNode):
         if self.active:
             self._inputs.timeout = self._settings.manager_timeout
 
-    def _recall(self) -> None:
-        """Go on from the journal, if there is one; what cannot be believed is not obeyed."""
-        self._bridge.remember = self._remember
-        try:
-            record = self._journal.read()
-            if record is None:
-                return
-            state = record.state
-            self._bridge.restore(state['memory'], time_here(state['written']))
-        except (LookupError, TypeError, ValueError) as error:
-            self.get_logger().warning(f'{error}; what was before is not known')
-            self._bridge.distrust(f'what was before is not known: {error}')
-            return
-        of = '' if record.mission == self._journal.mission else ' of another mission'
-        self.get_logger().info(f'goes on from its journal{of}: {self._journal.path}')
-
     def _remember(self, memory: dict[str, Any]) -> None:
-        if self._presence.silent:  # The journal may be another one's.
-            return
-        if memory != self._written.get('memory'):
-            self._written = {'memory': memory, 'written': moment(self._now())}
-        self._journal.write(self._written)
+        if not self._presence.silent:  # The journal may be another one's.
+            self._memory.write(memory, self._now())
 
     def _now(self) -> float:
         return seconds(self._steady)
@@ -265,7 +250,7 @@ class MavlinkBridge(ManagedNode):
         if self.active:
             telemetry = self._bridge.telemetry
             self._outputs.publish(step, telemetry.fix_type, now)
-            for text in self._energy.note(step, telemetry, self._inputs.command):
+            for text in self._energy.note(step, telemetry, self._inputs.action):
                 self._log(True, text)
 
     def _log(self, warning: bool, text: str) -> None:
@@ -280,7 +265,7 @@ class MavlinkBridge(ManagedNode):
         if self._presence.silent:
             return
         link, output = self._bridge.link, self._bridge.output
-        troubles = self._clock_watch.problem, self._journal.error
+        troubles = self._clock_watch.problem, self._memory.error
         warnings = (
             *self._inputs.complaints,
             *self._bridge.warnings,

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from uav_mission_manager.mdp.placing import changed_goals
 from uav_mission_manager.onboard import ManagerSettings, MissionManager
 from uav_mission_manager.onboard.journal import Journal, JournalError, goals_hash
 from uav_mission_manager.policy import Policy, PolicyError, load_policy
@@ -34,11 +35,14 @@ class Recollection:
     used : PolicyInUse
     trouble : str
         Why it does not go on as before where it might be expected to; empty if it does.
+    goes_on : bool
+        Whether it knows what was before.
     """
 
     core: MissionManager
     used: PolicyInUse
     trouble: str = ''
+    goes_on: bool = False
 
 
 def recollect(journal: Journal, asked: PolicyInUse, settings: ManagerSettings) -> Recollection:
@@ -52,15 +56,16 @@ def recollect(journal: Journal, asked: PolicyInUse, settings: ManagerSettings) -
         record = journal.read()
         if record is None:
             return Recollection(fresh, asked)
-        if record.mission != goals_hash(asked.policy.mission):
-            return Recollection(fresh, asked, 'the journal is of another mission: not used')
         used, trouble = _used_before(record.state['policy'], asked)
+        if record.mission != goals_hash(used.policy.mission):
+            other = 'the journal is of another mission: not used'
+            return Recollection(fresh, asked, '; '.join(filter(None, (other, trouble))))
         core = MissionManager(used.policy, settings, record.state['memory'])
     except JournalError as error:
         return Recollection(fresh, asked, f'journal not believed: {error}')
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         return Recollection(fresh, asked, f'journal not understood: {error!r}')
-    return Recollection(core, used, trouble)
+    return Recollection(core, used, trouble, goes_on=True)
 
 
 def _used_before(record: Mapping[str, Any], asked: PolicyInUse) -> tuple[PolicyInUse, str]:
@@ -69,9 +74,10 @@ def _used_before(record: Mapping[str, Any], asked: PolicyInUse) -> tuple[PolicyI
     if record['asked'] != asked.asked or digest == asked.policy.digest:
         return asked, ''
     try:
-        policy = load_policy(path, asked.policy.mission)
+        policy = load_policy(path)
         if policy.digest != digest:
             raise PolicyError(f'{path}: another one has taken its place')
+        changed_goals(asked.policy.mission, policy.mission)
     except (ValueError, OSError, MemoryError) as error:
         return asked, f'policy set flown by before not found: {error}; now by {asked.path}'
     return PolicyInUse(policy, path, asked.asked), ''

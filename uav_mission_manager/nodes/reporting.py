@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Header
 
-from uav_mission_manager.console.heard import CHARGE_LEVEL, IN_RANGE
+from uav_mission_manager.console.heard import CHARGE_LEVEL, IN_RANGE, PRIORITY
 from uav_mission_manager.echo import shown
 from uav_mission_manager.frames import MAP_FRAME
 from uav_mission_manager.mdp import (
@@ -101,7 +101,7 @@ def state_in_words(mission: Mission, state: Sequence[int]) -> dict[str, str]:
         'fault mode': FAULT_MODES[s.f - 1],
         **charge,
         **{f'{goal}{IN_RANGE}': 'yes' if r else 'no' for goal, r in zip(goals, flags)},
-        **{f'{goal} priority': PRIORITY_LEVELS[g] for goal, g in zip(goals, s.g)},
+        **{f'{goal}{PRIORITY}': PRIORITY_LEVELS[g] for goal, g in zip(goals, s.g)},
         'cell': f'{s.l}, column {col} and row {row} from 0',
         'committed to': goals[s.c - 1] if s.c else 'no goal',
         'threat': mission.threat.levels[s.t],

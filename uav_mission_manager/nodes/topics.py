@@ -30,6 +30,7 @@ TOPICS: dict[str, Any] = {
     'mission_command': String,
     'command_pose': PoseStamped,
     'goal_states': UInt8MultiArray,
+    'goal_requests': String,
     'policy_set': String,
     'manager/decision': DiagnosticArray,
     'manager/trace': String,

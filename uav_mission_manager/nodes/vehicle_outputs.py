@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -18,7 +18,7 @@ from uav_mission_manager.autopilot.task import PilotOutput
 from uav_mission_manager.autopilot.telemetry import Position
 from uav_mission_manager.echo import shown
 from uav_mission_manager.frames import body_frame
-from uav_mission_manager.mdp import FAULT_MODES, Mission, Origin
+from uav_mission_manager.mdp import FAULT_MODES, Origin
 from uav_mission_manager.nodes import qos
 from uav_mission_manager.nodes.conversions import (
     battery_state,
@@ -39,9 +39,10 @@ class VehicleOutputs:
     Parameters
     ----------
     node : Node
-    mission : Mission
     origin : Origin
         Of `map`.
+    goals : callable
+        Returns the names of the mission's goals.
     log : callable
         Takes whether a line is a warning, and the line.
 
@@ -52,14 +53,18 @@ class VehicleOutputs:
     """
 
     def __init__(
-        self, node: Node, mission: Mission, origin: Origin, log: Callable[[bool, str], None]
+        self,
+        node: Node,
+        origin: Origin,
+        goals: Callable[[], Sequence[str]],
+        log: Callable[[bool, str], None],
     ) -> None:
         def publisher(kind: Any, topic: str, profile: Any) -> Any:
             return node.create_publisher(
                 kind, topic, profile, qos_overriding_options=qos.OVERRIDABLE
             )
 
-        self._node, self._mission, self._origin, self._log = node, mission, origin, log
+        self._node, self._origin, self._goals, self._log = node, origin, goals, log
         self._frame = body_frame(node.get_namespace())
         self._battery_state = publisher(BatteryState, 'battery_state', qos.SENSOR)
         self._odom = publisher(Odometry, 'odom', qos.SENSOR)
@@ -107,8 +112,7 @@ class VehicleOutputs:
             self._goal_completed.publish(String(data=output.completed))
             self._log(False, f'goal {output.completed} completed')
         if output.refused:
-            goals = [goal.name for goal in self._mission.goals]
-            lost = goals if output.losing_ground else [output.refused]
+            lost = self._goals() if output.losing_ground else [output.refused]
             for goal in lost:
                 self._goal_refused.publish(String(data=goal))
             self.refused = shown(f'{", ".join(lost)}: {output.status}')

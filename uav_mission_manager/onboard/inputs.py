@@ -24,10 +24,15 @@ def index_of(name: str, names: Sequence[str], topic: str) -> int:
 
 
 def checked_priorities(values: Sequence[int], mission: Mission) -> tuple[int, ...]:
-    """Return priorities of all goals of a mission. Raises `InputError`."""
-    if len(values) != mission.k:
-        raise InputError(f'goal_priorities: data has {len(values)} values, not {mission.k}')
-    for goal, value in zip(mission.goals, values, strict=True):
+    """Return priorities of the goals of a mission, where added ones may be left out.
+
+    Who asks may not have heard of goals that were added in flight. Raises `InputError`.
+    """
+    least = sum(not goal.added for goal in mission.goals)
+    if not least <= len(values) <= mission.k:
+        counts = str(mission.k) if least == mission.k else f'{least} to {mission.k}'
+        raise InputError(f'goal_priorities: data has {len(values)} values, not {counts}')
+    for goal, value in zip(mission.goals, values):
         if value not in (0, 1, 2):
             raise InputError(
                 f'goal_priorities: {shown(goal.name)} is {shown(value)}, not 0, 1 or 2'

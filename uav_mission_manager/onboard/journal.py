@@ -85,7 +85,7 @@ class Journal:
     Attributes
     ----------
     path, kind, mission
-        As given.
+        As given; `mission` is set anew where another one follows in flight.
     """
 
     def __init__(self, path: Path, kind: str, mission: str) -> None:

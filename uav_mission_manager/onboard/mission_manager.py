@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from uav_mission_manager.mdp import FAULT_MODES, THREAT_LEVELS, Mission, global_actions
+from uav_mission_manager.mdp.placing import changed_goals
 from uav_mission_manager.onboard.deciding import Refusal, decide
 from uav_mission_manager.onboard.dwell import StandingCommand, dwell, stay
 from uav_mission_manager.onboard.inputs import index_of
@@ -140,18 +141,31 @@ class MissionManager:
         for number in range(1, len(FAULT_MODES) + 1):
             self.policy.decide((number, *rest, threat, mode))
 
-    def adopt(self, policy: Policy) -> None:
-        """Fly on with another policy; the standing command stays.
+    def adopt(self, policy: Policy, wanted: bool = True) -> tuple[str, ...]:
+        """Fly on with another policy; the standing command stays, unless its goal is gone.
+
+        Parameters
+        ----------
+        policy : Policy
+        wanted : bool
+            Whether goals that are new are wanted as they were requested, or not at all.
+
+        Returns
+        -------
+        tuple of str
+            The names of the goals that are new.
 
         Raises
         ------
         ValueError
-            If it is for other goals or another grid, or has no energy model.
+            If it is for another grid or other goals, see `changed_goals`, or has no energy model.
         """
-        if policy.mission.geography() != self.policy.mission.geography():
-            raise ValueError('the policy is for other goals, or another grid')
-        self.situation = self.situation.with_mission(policy.mission)
+        others = changed_goals(self.policy.mission, policy.mission)
+        self.situation = self.situation.with_mission(policy.mission, wanted)
         self.policy = policy
+        if self._standing is not None:
+            self._standing = _standing_in(policy.mission, self._standing, others)
+        return tuple(policy.mission.goals[j].name for j in others)
 
     def adjust(self, settings: ManagerSettings) -> None:
         """Go on with other settings; the standing command stays as long as it was to."""
@@ -182,6 +196,18 @@ class MissionManager:
     def snapshot(self) -> dict[str, Any]:
         """What another one needs to decide from here on as this one does, as JSON values."""
         return {**self.memory, 'now': situation_now(self.situation)}
+
+
+def _standing_in(
+    mission: Mission, standing: StandingCommand, others: Sequence[int]
+) -> StandingCommand | None:
+    """Return a command as that of a mission which follows; None if its goal is gone."""
+    was = standing.action
+    if was.goal in others:
+        return None
+    same = (was.kind, was.goal, was.agile)
+    actions = (a for a in global_actions(mission) if (a.kind, a.goal, a.agile) == same)
+    return replace(standing, action=next(actions))
 
 
 def _remembered_command(

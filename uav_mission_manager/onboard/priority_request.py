@@ -12,7 +12,7 @@ class PriorityRequest:
     Parameters
     ----------
     goals : sequence of str
-        Names in mission order.
+        Names in the mission file's order.
     memory : mapping, optional
         `memory` of the one to go on with.
 
@@ -20,16 +20,18 @@ class PriorityRequest:
     ----------
     request : str
         Its id; empty until something is asked for.
-    asked : tuple of k
-        Priority of each goal as asked for: 0 none, 1 low, 2 high.
+    asked : tuple of int
+        Priority of each goal as asked for: 0 none, 1 low, 2 high. Goals that were added in flight
+        may be left out.
     """
 
     def __init__(self, goals: Sequence[str], memory: Mapping[str, Any] | None = None) -> None:
-        self._goals = tuple(goals)
+        self._goals, self._least = tuple(goals), len(goals)
         self.request, self.asked = '', (0,) * len(self._goals)
         self._achieved: set[str] = set()
         self._given = self.asked
         if memory is not None:
+            self._goals = tuple(memory.get('goals', goals))
             self.ask(memory['asked'], memory['request'])
             self._given = tuple(memory['given'])
             for name in memory['achieved']:
@@ -43,6 +45,7 @@ class PriorityRequest:
             'asked': list(self.asked),
             'achieved': self.achieved,
             'given': list(self._given),
+            'goals': list(self._goals),
         }
 
     @property
@@ -53,8 +56,18 @@ class PriorityRequest:
     @property
     def priorities(self) -> tuple[int, ...]:
         """What is repeated: as asked for, an achieved goal at 0 lest anyone revives it."""
-        pairs = zip(self._goals, self.asked, strict=True)
+        pairs = zip(self._goals, self.asked)
         return tuple(0 if name in self._achieved else value for name, value in pairs)
+
+    def learn(self, goals: Sequence[str]) -> None:
+        """Take note of the goals that the vehicle has by now, some of them requested in flight.
+
+        What was asked of a goal that is no more is not asked of the one in its place.
+        """
+        if len(goals) >= self._least:
+            kept = zip(self._goals, goals, self.asked)
+            self.asked = tuple(value if was == now else 0 for was, now, value in kept)
+            self._goals = tuple(goals)
 
     def begin(self, values: Sequence[int], request: str) -> bool:
         """Start a process that was given these priorities; return whether they are a new request.
@@ -78,19 +91,20 @@ class PriorityRequest:
 
     def complete(self, name: str) -> bool:
         """Take a goal as achieved; return whether that is new."""
-        wanted = name in self._goals and self.priorities[self._goals.index(name)] > 0
+        wanted = dict(zip(self._goals, self.priorities)).get(name, 0) > 0
         if wanted:
             self._achieved.add(name)
         return wanted
 
     def fault_in(self, values: Sequence[int]) -> str:
         """Say why these cannot be asked for; empty if they can."""
-        if len(values) != len(self._goals):
+        if not self._least <= len(values) <= len(self._goals):
+            added = len(self._goals) - self._least
             return (
                 f'{len(values)} values, the mission has {len(self._goals)} goals '
-                f'({", ".join(self._goals)})'
+                f'({", ".join(self._goals)}){f", {added} of them added in flight" * bool(added)}'
             )
-        for goal, value in zip(self._goals, values, strict=True):
+        for goal, value in zip(self._goals, values):
             if value not in (0, 1, 2):
                 return f'{goal} is {value}, not 0, 1 or 2'
         return ''

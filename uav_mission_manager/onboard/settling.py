@@ -39,6 +39,11 @@ class Dangers:
         ended = {name: time for name, time in self.ended.items() if name not in there}
         return Dangers((self.reported - among) | there, {**ended, **dict.fromkeys(over, now)})
 
+    def without(self, gone: Set[str]) -> Dangers:
+        """Forget dangers of what is there no more."""
+        ended = {name: time for name, time in self.ended.items() if name not in gone}
+        return Dangers(self.reported - gone, ended)
+
     def settle(self, now: float, seconds: float) -> Dangers:
         """Forget those that ended `seconds` ago; a time to come is that of another boot."""
         ended = {name: min(time, now) for name, time in self.ended.items()}

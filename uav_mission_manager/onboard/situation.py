@@ -20,6 +20,7 @@ from uav_mission_manager.onboard.inputs import (
     index_of,
     missing_inputs,
 )
+from uav_mission_manager.onboard.new_goals import goals_of
 from uav_mission_manager.onboard.place import off_grid, present_cell, strayed
 from uav_mission_manager.onboard.range_model import flags_on_board, level_on_board
 from uav_mission_manager.onboard.settling import (
@@ -142,25 +143,25 @@ class Situation:
         return self._heard('threat_level', now)._endangered(there, THREAT_DANGERS)
 
     def with_priorities(self, values: Sequence[int], request: str, now: float) -> Situation:
-        """Take a request for the priorities of all goals.
+        """Take a request for the priorities of all goals; added ones that it leaves out stay.
 
         A request with the id of the last one is its repetition: what it asks for no more has been
         achieved, else it changes nothing. A new one counts at once if nothing is wanted any more,
         or the last change is `settling_time` ago; else it must last so long. It then forgets which
         goals were refused; one without id, which may be repeated, only those that it changes.
         """
-        priorities = checked_priorities(values, self.mission)
+        said = checked_priorities(values, self.mission)
         heard = self._heard('goal_priorities', now)
         last = heard.wish.pending or GoalRequest(heard.priorities, heard.request)
         if request and request == last.id:
-            return heard._repeated(priorities)
-        if not request and priorities == last.priorities:
+            return heard._repeated(said)
+        asked = GoalRequest(said + last.priorities[len(said) :], request or last.id)
+        if not request and asked.priorities == last.priorities:
             return heard
-        heard = replace(heard, said=priorities if request else heard.said)
-        asked = GoalRequest(priorities, request or last.id)
+        heard = replace(heard, said=said if request else heard.said)
         if request == heard.request != '':  # The one in force, after another one.
             return replace(heard, wish=Wish(None, heard.time))
-        if not any(priorities) or heard.wish.lasts(heard.time, self.settling_time):
+        if not any(asked.priorities) or heard.wish.lasts(heard.time, self.settling_time):
             return heard._granted(asked, heard.time)
         return replace(heard, wish=Wish(asked, heard.time))
 
@@ -201,9 +202,10 @@ class Situation:
             refused=(),
         )
 
-    def with_mission(self, mission: Mission) -> Situation:
-        """Continue with a mission of the same goals and grid but other numbers."""
-        return replace(self, mission=mission, level=-1)._ranged()
+    def with_mission(self, mission: Mission, wanted: bool = True) -> Situation:
+        """Continue with a mission that may follow in flight, see `goals_of`."""
+        known = goals_of(mission, self, self._range_dangers, wanted)
+        return replace(self, mission=mission, level=-1, **known)._ranged()
 
     def after(self, action: Action) -> Situation:
         """Continue with c' and m' of a decided action."""
@@ -242,8 +244,7 @@ class Situation:
     @property
     def in_range(self) -> tuple[int, ...]:
         """Whether the charge reaches goal j."""
-        counted = self.dangers.counted
-        return tuple(int(danger not in counted) for danger in self._range_dangers)
+        return tuple(int(name not in self.dangers.counted) for name in self._range_dangers)
 
     @property
     def reachable(self) -> tuple[int, ...]:
@@ -262,8 +263,7 @@ class Situation:
     @property
     def refused_goals(self) -> tuple[str, ...]:
         """Names of the refused goals."""
-        goals = zip(self.mission.goals, self.refused)
-        return tuple(goal.name for goal, refused in goals if refused)
+        return tuple(goal.name for goal, was in zip(self.mission.goals, self.refused) if was)
 
     @cached_property
     def off_grid(self) -> str:

@@ -6,7 +6,9 @@ than the last entry's. Its `events` are, in their order:
 - `["state", {...}]`: settings, digest of the policy, hash of goals and grid, all that is known.
 - `["hear", TOPIC, TIME, {...}]`: a message was taken, see `HeardInput`.
 - `["step", TIME]` or `["step", TIME, {...}]`: it was decided; with what, if that is new.
-- `["adopt", DIGEST]`, `["adjust", {...}]`: another policy set, other settings.
+- `["adopt", DIGEST, HASH, WANTED]`: another policy set, hash of its goals and grid, and whether
+  goals that are new in it are wanted.
+- `["adjust", {...}]`: other settings.
 - `["reset"]`: goals were reset.
 
 Times are of the manager's steady clock [s]. Floats are written so that they are read as the same.
@@ -15,11 +17,13 @@ Times are of the manager's steady clock [s]. Floats are written so that they are
 from __future__ import annotations
 
 import json
+import math
 import uuid
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from uav_mission_manager.mdp import Mission
 from uav_mission_manager.onboard.deciding import Refusal
 from uav_mission_manager.onboard.heard_input import HeardInput
 from uav_mission_manager.onboard.inputs import InputError
@@ -91,9 +95,11 @@ class TraceWriter:
         if now - self._state_at >= STATE_PERIOD:
             self._keep_state(now)
 
-    def adopt(self) -> None:
-        """Say that another policy set is in use."""
-        self._events.append(['adopt', self._core.policy.digest])
+    def adopt(self, wanted: bool = True) -> None:
+        """Say that another policy set is in use, and whether goals new in it are wanted."""
+        policy = self._core.policy
+        self._events.append(['adopt', policy.digest, goals_hash(policy.mission), wanted])
+        self._state_at = -math.inf  # A recording may begin here.
 
     def adjust(self) -> None:
         """Say that the settings are others now."""
@@ -135,11 +141,14 @@ class ReplayedStep:
         What the manager decided, see `outcome_values`.
     replayed : Decision or Refusal
         What it decides now.
+    mission : Mission
+        Of the policy that decides now; its goals and grid are those of then.
     """
 
     now: float
     recorded: RecordedOutcome
     replayed: Decision | Refusal
+    mission: Mission
 
 
 @dataclass
@@ -163,7 +172,8 @@ class _Run:
         self.recorded = outcome or self.recorded
         if self.core is None or self.recorded is None:
             raise LookupError('a first decision')
-        return ReplayedStep(now, self.recorded, self.core.step(now))
+        replayed = self.core.step(now)
+        return ReplayedStep(now, self.recorded, replayed, self.core.policy.mission)
 
 
 class Replay:
@@ -171,7 +181,8 @@ class Replay:
 
     Parameters
     ----------
-    policy : Policy
+    *policies : Policy
+        One for each mission of other goals that was flown; ValueError where two are for the same.
 
     Attributes
     ----------
@@ -181,8 +192,15 @@ class Replay:
         How often entries are missing, and how many decisions no state came before.
     """
 
-    def __init__(self, policy: Policy) -> None:
-        self._policy = policy
+    def __init__(self, *policies: Policy) -> None:
+        self._by_goals: dict[str, Policy] = {}
+        for policy in policies:
+            other = self._by_goals.setdefault(goals_hash(policy.mission), policy)
+            if other is not policy:
+                raise ValueError(
+                    f'{other.mission.name} and {policy.mission.name} have the same goals and '
+                    'grid: give one policy set of them'
+                )
         self._runs: dict[str, _Run] = {}
         self.policies: list[str] = []
         self.gaps = self.skipped = 0
@@ -219,15 +237,19 @@ class Replay:
             raise ValueError(f'no entry of a trace: {error!r}') from error
 
     def _know(self, run: _Run, state: dict[str, Any]) -> None:
-        if state['goals'] != goals_hash(self._policy.mission):
-            raise ValueError(
-                'recorded in a mission with other goals or another grid than '
-                f'{self._policy.mission.name}'
-            )
+        policy = self._policy_for(state['goals'])
         self._flown_by(state['policy'])
         if run.core is None:
             settings = ManagerSettings(**state['settings'])
-            run.core = MissionManager(self._policy, settings, state['memory'])
+            run.core = MissionManager(policy, settings, state['memory'])
+
+    def _policy_for(self, goals: str) -> Policy:
+        if goals not in self._by_goals:
+            names = ', '.join(policy.mission.name for policy in self._by_goals.values())
+            raise ValueError(
+                f'recorded in a mission with other goals or another grid than {names}'
+            )
+        return self._by_goals[goals]
 
     def _flown_by(self, digest: str) -> None:
         if self.policies[-1:] != [digest]:
@@ -237,8 +259,7 @@ class Replay:
         if kind == 'hear':
             core.take(HeardInput(*values))
         elif kind == 'adopt':
-            self._flown_by(*values)
-            core.adopt(self._policy)
+            self._adopt(core, *values)
         elif kind == 'adjust':
             [settings] = values
             core.adjust(ManagerSettings(**settings))
@@ -246,3 +267,9 @@ class Replay:
             core.reset_goals()
         else:
             raise LookupError(kind)
+
+    def _adopt(
+        self, core: MissionManager, digest: str, goals: str = '', wanted: bool = True
+    ) -> None:
+        self._flown_by(digest)
+        core.adopt(self._policy_for(goals) if goals else core.policy, wanted)

@@ -106,6 +106,26 @@ def read_policy_set(directory: Path) -> tuple[PolicySet, str]:
                 raise
 
 
+def read_mission(directory: Path) -> Mission:
+    """Return the mission of a policy set, whose arrays are left unread.
+
+    Raises
+    ------
+    PolicyError
+        As `read_policy_set` does.
+    """
+    place = directory / MANIFEST_FILE
+    try:
+        return mission_from_dict(_read_manifest(place)['mission'], str(place))
+    except (LookupError, MissionError) as error:
+        raise PolicyError(f'{shown(place)}: mission: {shown(error)}') from error
+
+
+def read_digest(directory: Path) -> str:
+    """Return the digest of a policy set, whose arrays are left unread. Raises `PolicyError`."""
+    return str(_read_manifest(directory / MANIFEST_FILE)['digest'])
+
+
 def _identity(directory: Path) -> tuple[int, ...]:
     """What differs between a directory and one that has taken its place; empty without any."""
     try:

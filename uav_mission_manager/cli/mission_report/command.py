@@ -89,12 +89,14 @@ def _check_states(bag: str, record: FlightRecord) -> None:
 def _check_mission(bag: str, record: FlightRecord, policy: Policy) -> None:
     """Refuse decisions that no policy of this mission can have made."""
     mission = policy.mission
-    actions = 2 * mission.k + 4
+    actions, goals = 2 * mission.k + 4, tuple(shown(goal.name) for goal in mission.goals)
     for at, decision in record.decided:
         if not decision.state:
             continue
         try:
             policy.space.check([decision.state])
+            if decision.goals not in ((), goals):
+                raise ValueError(f'goals: {", ".join(decision.goals)}')
             parse_command(mission, decision.command)
             if len(decision.values) != actions:
                 raise ValueError(f'values: {len(decision.values)} numbers, not {actions}')
