@@ -112,7 +112,7 @@ class SlotsInFlight:
         self._announced, self._announced_at = digest, seconds(self._clock)
 
     def _on_decision(self, message: DiagnosticArray) -> None:
-        self._decision = {pair.key: pair.value for pair in message.status[0].values}
+        self._decision = {pair.key: pair.value for s in message.status for pair in s.values}
         self._decided_at = seconds(self._clock)
 
     @property
