@@ -71,6 +71,7 @@ class Watch:
         self._decision: dict[str, str] = {}
         self._armed, self._mode = chain.armed, chain.mode
         self._anchor: tuple[float, float] | None = None
+        self._near_at = [-math.inf] * len(self.goals)
         for topic, kind, profile, callback in (
             ('goal_priorities', UInt8MultiArray, qos.STATE_IN, self._on_priorities),
             ('goal_states', UInt8MultiArray, qos.LATCHED, self._on_states),
@@ -133,6 +134,9 @@ class Watch:
         """Look at the vehicle."""
         chain = self.chain
         self._threats.add(chain.threat)
+        for goal, where in enumerate(chain.mission.goals):
+            if chain.far_from(where.cell) < NEAR:
+                self._near_at[goal] = self.now
         if chain.armed and not self._armed:
             self.counts['take-offs'] += 1
             if why := self._why_not():
@@ -180,7 +184,7 @@ class Watch:
         before, self.states = self.states or list(message.data), list(message.data)
         for goal, (was, now) in enumerate(zip(before, self.states)):
             if was and not now and self.wanted[goal] and self._near(goal):
-                self._done(goal)  # A bridge that is new may be heard by some and not by others.
+                self._done(goal)  # Who is new may be heard by some, or die before it is by all.
         if self._odd(before, self.states):  # What explains it may come later, on another topic.
             self._odd_states.append((self.now + ORDER_TIME, before, self.states))
 
@@ -207,7 +211,8 @@ class Watch:
         self._unwanted(any(self.wanted))
 
     def _near(self, goal: int) -> bool:
-        return self.chain.far_from(self.chain.mission.goals[goal].cell) < NEAR
+        """Whether the vehicle is at a goal, or was: it may have left before that was heard."""
+        return self.now - self._near_at[goal] < REPEAT_TIME
 
     def _known(self, goal: int) -> bool:
         """Whether the manager has had the time to hear that a goal is not wanted."""
