@@ -9,12 +9,14 @@ from dataclasses import replace
 
 import pytest
 from console_crew import POLICY, START, PlayedVehicle, Screen, browser, start_console
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from ros_helpers import ROOT
 from std_msgs.msg import String
 
 from uav_mission_manager import build_policy
 from uav_mission_manager.mdp import action_name
 from uav_mission_manager.nodes import qos
+from uav_mission_manager.nodes.reporting import status
 from uav_mission_manager.onboard.heard_input import HeardInput
 from uav_mission_manager.onboard.mission_manager import ManagerSettings, MissionManager
 from uav_mission_manager.onboard.trace import TraceWriter
@@ -172,6 +174,19 @@ def test_two_vehicles_are_side_by_side_and_a_click_chooses(ros, crew):
     screen.until('.fact:has-text("battery")', '42%')
     screen.page.keyboard.press('1')
     screen.until('.vehicle', '/uav1')
+
+
+def test_what_the_fleet_s_base_station_gives_a_vehicle_is_told(ros, crew):
+    _, screen = crew
+    words = {'/uav1': 'to goal3: it is nearest', '/uav2': 'has no goal: lost', 'goal1': 'left'}
+    report = status(DiagnosticStatus.OK, '/fleet: decision', 'uav1 to goal3', **words)
+    publisher = ros.node.create_publisher(DiagnosticArray, '/fleet/decision', qos.LATCHED)
+    publisher.publish(DiagnosticArray(status=[report]))
+    screen.until('.share', 'fleet: to goal3: it is nearest')
+    PlayedVehicle(ros, '/uav2')
+    screen.until('.area-tiles', '/uav2')
+    screen.page.keyboard.press('2')
+    screen.until('.share', 'fleet: has no goal: lost')
 
 
 def test_a_thousand_epochs_are_on_the_timeline(ros, crew):

@@ -15,6 +15,7 @@ from rcl_interfaces.srv import GetParameters
 from ros_helpers import ROOT, NodeProcess, Ros, free_port
 from std_msgs.msg import String, UInt8MultiArray
 
+from uav_mission_manager.console.messages import shares_of
 from uav_mission_manager.mdp import load_mission
 from uav_mission_manager.nodes import qos
 
@@ -218,6 +219,7 @@ def level_of(messages: list[DiagnosticArray], name: str) -> tuple[bytes, str]:
 def test_all_goals_are_done_once(ros: Ros, vehicles: list[Vehicle], done: list[str]) -> None:
     names = [goal.name for goal in load_mission(MISSION).goals]
     diagnostics = ros.listen('/diagnostics', DiagnosticArray, qos.RELIABLE)
+    decisions = ros.listen('/fleet/decision', DiagnosticArray, qos.LATCHED)
     station = ros.start(
         'nodes.fleet', *parameters(mission=MISSION, policy=POLICY, lost_after=LOST_AFTER)
     )
@@ -237,6 +239,12 @@ def test_all_goals_are_done_once(ros: Ros, vehicles: list[Vehicle], done: list[s
         return len(taken) == 3
 
     ros.until(shared, 'a goal for each vehicle')
+
+    def told() -> bool:
+        given = {words.partition(':')[0] for _, words in shares_of(decisions[-1])}
+        return given == {f'to {names[j]}' for vehicle in vehicles for j in vehicle.goals}
+
+    ros.until(told, 'the decision in words')
     first = two.goals
     ros.until(lambda: two.goals and two.goals != first, 'another goal for the second one')
     [lost] = two.goals

@@ -37,6 +37,8 @@ def test_builds_announces_and_the_manager_takes_over(ros: Ros, tmp_path: Path) -
     # The manager starts after the build and still hears of it.
     manager = ros.start('nodes.manager')
     ros.until(lambda: manager.lines(f'policy taken over: {path} (split'), 'take-over')
+    worse = 'the mean gap over all states is certified worse, not known for 0.00%'
+    ros.until(lambda: manager.lines(worse), 'a warning')
     decisions = ros.listen('manager/decision', DiagnosticArray, qos.LATCHED)
     ros.until(lambda: decisions, 'a decision or refusal')
     digests = {pair.key: pair.value for pair in decisions[-1].status[0].values}
@@ -45,6 +47,7 @@ def test_builds_announces_and_the_manager_takes_over(ros: Ros, tmp_path: Path) -
     assert ros.set_parameter('solver', 'method', 'exact').successful
     assert ros.call('solver/build').success
     ros.until(lambda: manager.lines(f'policy taken over: {path} (exact'), 'second take-over')
+    assert len(manager.lines('certified worse')) == 1
     assert solver.stop(signal.SIGTERM) == 0
     assert manager.stop(signal.SIGINT) == 0
 

@@ -240,7 +240,7 @@ def test_what_comes_from_outside_is_escaped_everywhere():
     document['goals'][0]['name'] = 'A<b>"x'
     mission = mission_from_dict(document, 'test')
     said = HeardDecision(HOSTILE, state=STATE, command=HOSTILE, runner_up=HOSTILE, values=(1.0,))
-    heard = replace(heard_of(), decision=Noted(said, 0.0))
+    heard = replace(heard_of(), decision=Noted(said, 0.0)).with_share(HOSTILE, '')
     view = view_of(HOSTILE, heard, mission, (((0,), 1.0),), 0.0, 3.0)
     parts = [
         top_html(view),

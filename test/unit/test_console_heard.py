@@ -97,6 +97,16 @@ def test_another_goal_in_a_slot_begins_another_timeline():
     assert [(epoch.number, epoch.decision.goals[1]) for epoch in heard.epochs] == [(3, 'tree')]
 
 
+def test_a_share_of_the_fleet_is_told_once():
+    heard = Heard().with_share('', '')
+    assert heard.log == ()
+    for words in ('to goal3: it gains most', 'to goal3: it gains most', 'has no goal: lost'):
+        heard = heard.with_share(words, '12:00:00')
+    assert heard.share == 'has no goal: lost'
+    told = ['fleet: to goal3: it gains most', 'fleet: has no goal: lost']
+    assert [line.text for line in heard.log] == told
+
+
 def test_only_so_much_is_kept():
     heard = Heard()
     for number in range(MOST_EPOCHS_KEPT + 5):

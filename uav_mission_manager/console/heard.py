@@ -174,6 +174,7 @@ class Heard:
     epochs: tuple[HeardEpoch, ...] = ()
     log: tuple[LogLine, ...] = ()
     policy_set: str = ''
+    share: str = ''
 
     def with_pose(self, pose: Pose, at: float) -> Heard:
         """Return what is known with a position; one that is not a number is unknown."""
@@ -212,6 +213,13 @@ class Heard:
         """Return what is known with a policy set that was announced."""
         heard = replace(self, policy_set=path)
         return heard.with_line(LogLine(time_of_day, f'new policy set: {path}'))
+
+    def with_share(self, words: str, time_of_day: str) -> Heard:
+        """Return what is known with what the base station of several vehicles gives this one."""
+        heard = replace(self, share=words)
+        if self.share == words:
+            return heard
+        return heard.with_line(LogLine(time_of_day, f'fleet: {words}'))
 
     def with_bridge(self, bridge: HeardBridge, at: float, time_of_day: str) -> Heard:
         """Return what is known with the state of the bridge; a new phase is told."""

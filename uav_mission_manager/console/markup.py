@@ -62,10 +62,11 @@ def tile_html(view: VehicleView, selected: bool) -> str:
 def now_html(now: NowAndWhy) -> str:
     """The command, its reason, and what else was possible."""
     head = now.headline
+    share = f'<div class="share">fleet: {escape(now.share)}</div>' if now.share else ''
     return (
         f'<div class="now {head.tone}"><div class="headline">{escape(head.text)}</div>'
         f'<div class="note">{escape(head.note)}</div><div class="reason">{escape(now.reason)}'
-        f'</div><div class="second">{escape(now.second)}</div>'
+        f'</div><div class="second">{escape(now.second)}</div>{share}'
         f'<div class="close {now.closeness.tone}">{escape(now.closeness.text)}</div></div>'
     )
 

@@ -20,6 +20,9 @@ DECISION_TOPIC = 'manager/decision'
 DIAGNOSTICS_TOPIC = '/diagnostics'
 """The topic of all vehicles, see `bridge_reports`."""
 
+FLEET_TOPIC = 'fleet/decision'
+"""The topic of the base station of several vehicles, below its namespace, see `shares_of`."""
+
 BRIDGE_STATUS = '/mavlink_bridge: autopilot'
 """What the name of a bridge's status ends in, after its namespace."""
 
@@ -50,6 +53,14 @@ def bridge_reports(message: Any) -> Iterator[tuple[str, Any]]:
         vehicle, found, _ = status.name.partition(BRIDGE_STATUS)
         if found:
             yield vehicle, status
+
+
+def shares_of(message: Any) -> Iterator[tuple[str, str]]:
+    """Yield vehicle, and which goal it is given and why, of a message of `FLEET_TOPIC`."""
+    for status in message.status:
+        for pair in status.values:
+            if pair.key.startswith('/'):  # Else it is about a goal that nobody is given.
+                yield pair.key, pair.value
 
 
 def _odometry(heard: Heard, message: Any, moment: Moment) -> Heard:

@@ -83,7 +83,7 @@ width:100%;height:8px;fill:var(--warning);background:var(--ground)}
 overflow-wrap:anywhere}.now.stale .headline,.now.stale .reason{color:var(--stale)}
 .now.idle .headline{color:var(--dim);font-weight:600}
 .now.danger .headline{color:var(--danger)}
-.now .reason{font-size:1.25rem;font-weight:600}.now .second{font-size:1.05rem}
+.now .reason{font-size:1.25rem;font-weight:600}.now .second,.now .share{font-size:1.05rem}
 .other{margin-top:.5rem;border-left:5px solid var(--line);padding-left:.5rem}
 .other .headline{font-weight:700}.other.differs{border-color:var(--warning)}
 .other.differs .headline{font-size:1.3rem}.other .reason{font-weight:600}

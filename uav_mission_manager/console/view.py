@@ -53,6 +53,8 @@ class NowAndWhy:
         One sentence.
     second : str
         The second best, and what it would cost more.
+    share : str
+        Which goal the base station of several vehicles gives it, and why; '' for none.
     closeness : Fact
         How far the policy is from the best possible.
     actions, parts : tuple of Bar
@@ -66,6 +68,7 @@ class NowAndWhy:
     headline: Fact
     reason: str
     second: str = ''
+    share: str = ''
     closeness: Fact = UNSAID
     actions: tuple[Bar, ...] = ()
     parts: tuple[Bar, ...] = ()
@@ -127,7 +130,7 @@ def view_of(
         name=name,
         authority=in_command,
         facts=facts,
-        now=replace(card, headline=_as_flown(card.headline, heard, in_command)),
+        now=replace(card, headline=_as_flown(card.headline, heard, in_command), share=heard.share),
         obstacle=obstacle(heard, now, timeout),
     )
 

@@ -14,7 +14,9 @@ from uav_mission_manager.console.fleet import Fleet
 from uav_mission_manager.console.messages import (
     DECISION_TOPIC,
     DIAGNOSTICS_TOPIC,
+    FLEET_TOPIC,
     bridge_reports,
+    shares_of,
 )
 from uav_mission_manager.console.policies import PolicyShelf
 from uav_mission_manager.echo import quoted
@@ -76,6 +78,8 @@ class Console(Node):
         shelf = PolicyShelf([str(expanded(path)) for path in p.policy.split(':')])
         self._fleet = Fleet(shelf, time.monotonic, p.old_after)
         self._ears: dict[str, VehicleEar] = {}
+        self._shares: dict[str, str] = {}
+        self._stations: set[str] = set()
         OrderDesk(self, self._fleet)
         listener = serving.listening_socket(p.host, p.port)
         self.create_subscription(
@@ -104,6 +108,21 @@ class Console(Node):
             if vehicle != name and inside and vehicle not in self._ears:
                 self._ears[vehicle] = VehicleEar(self, self._fleet, vehicle)
                 self.get_logger().info(f'vehicle {vehicle or "/"}')
+                self._ears[vehicle].take_share(self._shares.get(vehicle, ''))
+            if name.startswith(f'{own}/') and name.endswith(f'/{FLEET_TOPIC}'):
+                self._listen_to_station(name)
+
+    def _listen_to_station(self, topic: str) -> None:
+        """Hear which vehicle is given which goal by the base station of several."""
+        if topic not in self._stations:
+            self._stations.add(topic)
+            self.create_subscription(DiagnosticArray, topic, self._on_shares, qos.LATCHED)
+
+    def _on_shares(self, message: DiagnosticArray) -> None:
+        self._shares.update(shares_of(message))
+        for vehicle, words in self._shares.items():
+            if vehicle in self._ears:
+                self._ears[vehicle].take_share(words)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for vehicle, status in bridge_reports(message):

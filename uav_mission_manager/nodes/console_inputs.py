@@ -39,6 +39,11 @@ DEPTHS = {'odom': 1, DECISION_TOPIC: 10}
 """Only where it is now is shown, but every epoch."""
 
 
+def time_of_day() -> str:
+    """Return the time of day, for people."""
+    return datetime.now().strftime('%H:%M:%S')
+
+
 class VehicleEar:
     """Listens to one vehicle."""
 
@@ -68,8 +73,13 @@ class VehicleEar:
         """Note what the bridge says of itself."""
         self._take(DIAGNOSTICS_TOPIC, status, header)
 
+    def take_share(self, words: str) -> None:
+        """Note which goal the base station of several vehicles gives this one, and why."""
+        heard = self._fleet.heard[self._vehicle]
+        self._fleet.heard[self._vehicle] = heard.with_share(words, time_of_day())
+
     def _take(self, topic: str, message: Any, header: Header | None) -> None:
-        moment = Moment(self._made_at(header), datetime.now().strftime('%H:%M:%S'))
+        moment = Moment(self._made_at(header), time_of_day())
         before = self._fleet.heard[self._vehicle]
         self._fleet.heard[self._vehicle] = heard_after(before, topic, message, moment)
 

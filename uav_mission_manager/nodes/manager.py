@@ -38,6 +38,7 @@ from uav_mission_manager.onboard.heard_input import HeardInput
 from uav_mission_manager.onboard.journal import Journal, goals_hash
 from uav_mission_manager.onboard.trace import TraceWriter
 from uav_mission_manager.policy import Decision, load_policy
+from uav_mission_manager.policy.certificate import worsening
 
 PARAMETERS = (
     NodeParameter(
@@ -286,6 +287,7 @@ class Manager(ManagedNode):
     async def _take_over(self, path: str, wanted: bool = True) -> str:
         """Fly on with the policy set in `path`; return why not, or an empty string."""
         core = self._core
+        before = core.policy.proved_gap
         try:
             policy = await self._loading.run(partial(load_policy, path))
             if not self.active or core is not self._core:
@@ -308,6 +310,8 @@ class Manager(ManagedNode):
         unwanted = '' if wanted else ', not wanted: requested before this manager, which forgot'
         goals = f'; goals {", ".join(new)}{unwanted}' if new else ''
         self.get_logger().info(f'policy taken over: {self._label}{goals}')
+        if worse := worsening('mean gap over all states', before, policy.proved_gap):
+            self.get_logger().warning(f'policy taken over: {worse}')
         self._step(repeat=True)
         return ''
 

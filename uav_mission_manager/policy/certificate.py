@@ -14,6 +14,21 @@ LARGE_GAP = 0.25
 """Gap in a single state above which it warns. Measured: 0.07 to 0.11 in sound expansions of three
 goals, 0.57 in one that loses 16 % somewhere."""
 
+SHOWN_DIFFERENCE = 1e-4
+"""Difference of two gaps from which on they are shown differently."""
+
+
+def gap_text(gap: float | None) -> str:
+    """Say how large a gap is proved to be, at most; None is not proved."""
+    return 'not known' if gap is None else f'{gap:.2%}'
+
+
+def worsening(gap: str, was: float | None, now: float | None) -> str:
+    """Say so if a gap is proved to be larger now, or not any more; '' if it is not."""
+    if was is None or (now is not None and now < was + SHOWN_DIFFERENCE):
+        return ''
+    return f'the {gap} is certified worse, {gap_text(now)} for {gap_text(was)}'
+
 
 @dataclass(frozen=True)
 class Certificate:

@@ -120,6 +120,11 @@ class Policy(ABC):
         return [certificate.warning] if certificate and certificate.warning else []
 
     @property
+    def proved_gap(self) -> float | None:
+        """Mean of V^pi / V* - 1 over all states, at most; None where nothing is proved."""
+        return self.certificate.gap if self.certificate else None
+
+    @property
     def info(self) -> dict[str, Any]:
         """What is known of the policy: sizes, sweeps, residual, bounds."""
         return {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from uav_mission_manager.mdp import Mission
 from uav_mission_manager.policy import build_policy
-from uav_mission_manager.policy.certificate import Certificate
+from uav_mission_manager.policy.certificate import Certificate, gap_text, worsening
 
 GAPS = {
     'gap': 'mean gap over all states',
@@ -12,9 +12,6 @@ GAPS = {
     'largest_gap': 'largest gap of a state',
 }
 """What a certificate says, in words."""
-
-SHOWN_DIFFERENCE = 1e-4
-"""Difference of two gaps from which on they are shown differently."""
 
 
 def certificate_lines(old: Mission, new: Mission) -> list[str]:
@@ -28,11 +25,11 @@ def compared(before: Certificate, after: Certificate) -> list[str]:
     lines = []
     for name, words in GAPS.items():
         was, now = getattr(before, name), getattr(after, name)
-        lines.append(f'Certified {words}: {_text(was)} before, {_text(now)} after.')
-        if was is not None and (now is None or now >= was + SHOWN_DIFFERENCE):
+        lines.append(f'Certified {words}: {gap_text(was)} before, {gap_text(now)} after.')
+        if worse := worsening(words, was, now):
             lines.append(
-                f'WARNING: with the new numbers the {words} is certified worse, {_text(now)} '
-                f'for {_text(was)}: a higher --order of policy_build may mend it.'
+                f'WARNING: with the new numbers {worse}: a higher --order of policy_build may '
+                'mend it.'
             )
     return lines
 
@@ -41,7 +38,3 @@ def _certificate(mission: Mission) -> Certificate:
     certificate = build_policy(mission, 'expansion', certificate=True).certificate
     assert certificate is not None
     return certificate
-
-
-def _text(gap: float | None) -> str:
-    return 'not known' if gap is None else f'{gap:.2%}'
