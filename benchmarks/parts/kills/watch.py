@@ -134,9 +134,8 @@ class Watch:
         """Look at the vehicle."""
         chain = self.chain
         self._threats.add(chain.threat)
-        for goal, where in enumerate(chain.mission.goals):
-            if chain.far_from(where.cell) < NEAR:
-                self._near_at[goal] = self.now
+        for goal in range(len(self.goals)):
+            self._near(goal)
         if chain.armed and not self._armed:
             self.counts['take-offs'] += 1
             if why := self._why_not():
@@ -212,6 +211,8 @@ class Watch:
 
     def _near(self, goal: int) -> bool:
         """Whether the vehicle is at a goal, or was: it may have left before that was heard."""
+        if self.chain.far_from(self.chain.mission.goals[goal].cell) < NEAR:
+            self._near_at[goal] = self.now
         return self.now - self._near_at[goal] < REPEAT_TIME
 
     def _known(self, goal: int) -> bool:
