@@ -54,6 +54,10 @@ BATTERY = 50.0
 """Capacity of the simulated battery [Ah]: a choice, so large that it brings no vehicle down whose
 nodes die all the time."""
 
+DISARM_DELAY = 10.0 * SPEEDUP
+"""Time [s] after which the autopilot stops motors that idle on the ground, as a person may too:
+ArduCopter's default by the clock of the nodes, which start again meanwhile."""
+
 NEAR = 30.0
 """Distance [m] from the centre of a cell within which the vehicle is there: a choice."""
 
@@ -82,7 +86,7 @@ class Chain:
         self._mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         self._mav.robust_parsing = True
         self._said = -math.inf
-        self._simulated = {'SIM_BATT_CAP_AH': BATTERY}
+        self._simulated = {'SIM_BATT_CAP_AH': BATTERY, 'DISARM_DELAY': DISARM_DELAY}
         self._detector = ros.node.create_publisher(
             String, self.topic('threat_level'), qos.STATE_IN
         )
