@@ -16,7 +16,7 @@ from parts.kills.chain import (
     SERVICE_TIME,
     Chain,
 )
-from parts.kills.watch import EFFECT_TIME, Watch
+from parts.kills.watch import EFFECT_TIME, ORDER_TIME, Watch
 
 LIMIT = 90.0
 """Time [s] with all nodes up in which what is wanted must be done, whatever dies meanwhile: a
@@ -78,6 +78,7 @@ class Crew:
         self._names = list(episodes or EPISODES)
         self._day = self._episodes()
         self._last, self._whole = watch.now, 0.0  # time [s] with all nodes up
+        self._elsewhere_at = watch.now  # when it was last not on its way to a goal
         self.over = False
 
     def step(self) -> None:
@@ -200,8 +201,14 @@ class Crew:
         yield from self._until(self._under_way, 'on the way to a goal')
 
     def _under_way(self) -> bool:
-        guided = self.chain.mode == GUIDED  # A pilot's LAND would not show in one from here.
-        return self.chain.aloft and guided and 'commit' in self.watch.command
+        """Whether it flies to a goal, and has done so until an order for LAND would have shown.
+
+        A pilot's LAND would not show in one from here.
+        """
+        guided = self.chain.mode == GUIDED
+        if not (self.chain.aloft and guided and 'commit' in self.watch.command):
+            self._elsewhere_at = self.watch.now
+        return self.watch.now - self._elsewhere_at > ORDER_TIME
 
     def _some_goals(self, least: int = 1) -> tuple[int, ...]:
         while True:
