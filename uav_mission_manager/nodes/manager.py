@@ -36,6 +36,7 @@ from uav_mission_manager.onboard import (
 )
 from uav_mission_manager.onboard.heard_input import HeardInput
 from uav_mission_manager.onboard.journal import Journal, goals_hash
+from uav_mission_manager.onboard.priority_request import REQUEST_TIME
 from uav_mission_manager.onboard.trace import TraceWriter
 from uav_mission_manager.policy import Decision, load_policy
 from uav_mission_manager.policy.certificate import worsening
@@ -87,11 +88,6 @@ PARAMETERS = (
     LISTENING,
     AUTOSTART,
 )
-
-
-REQUEST_TIME = 2.0
-"""Time [s] after listening in which a manager that goes on as before waits to hear what is wanted
-by now: a choice, two repetitions of the base station."""
 
 
 class Manager(ManagedNode):

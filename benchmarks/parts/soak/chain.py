@@ -30,7 +30,7 @@ from uav_mission_manager.onboard import (
     parse_command,
 )
 from uav_mission_manager.onboard.heard_input import HeardInput
-from uav_mission_manager.onboard.priority_request import PriorityRequest
+from uav_mission_manager.onboard.priority_request import REQUEST_TIME, PriorityRequest
 from uav_mission_manager.onboard.stamps import stamp_age
 from uav_mission_manager.onboard.trace import TraceWriter
 from uav_mission_manager.policy import Policy
@@ -51,9 +51,6 @@ MANAGER_SETTINGS = ManagerSettings()
 REPEAT_PERIOD, FAULT_REPEAT_PERIOD, DECISION_PERIOD = 1.0, 0.5, 0.25
 """Time [s] between two messages that say the same: the nodes'; and between two decisions where
 nothing but position and charge is new, which the nodes take with each message: less work."""
-
-REQUEST_TIME = 2.0
-"""Time [s] after listening in which a manager waits to hear what is wanted by now: the node's."""
 
 Record = Callable[[str, str, float], None]
 """Takes what is said on a topic for a recording, at a time [s]."""
