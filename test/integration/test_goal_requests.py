@@ -192,7 +192,8 @@ def test_a_goal_requested_in_flight_is_flown_and_its_slot_taken_again(chain: Cha
 
     latitude, longitude = chain.mission.grid.origin.to_geodetic(*chain.position(NEXT_PLACE))
     chain.track.clear()
-    chain.until_placed(latitude=latitude, longitude=longitude, name='tree', worth=2.5, priority=1)
+    fields = {'name': 'tree', 'worth': 60.0, 'priority': 1}  # Worth a flight from anywhere.
+    chain.until_placed(latitude=latitude, longitude=longitude, **fields)
     assert chain.ros.set_parameter('solver', 'max_goals', 3).successful
     words = 'no slot is free of tree, and for a further goal it has too many, 3 of 3 at most'
     chain.until_refused(words, json.dumps({'cell': PLACE}))
