@@ -44,11 +44,11 @@ demo: $(READY)
 NONE_CHOSEN = $(if $(ARGS),|| test $$? -eq 5)
 
 # Unit tests share the processors: a process that has none left takes half of another's, so that
-# none ends long before the others. Integration tests mostly wait, so eight at a time, after them.
+# none ends long before the others. Integration tests mostly wait, so six at a time, after them.
 test: $(READY)
 	@$(if $(ARGS),:,echo 'About twelve minutes on two processors: half for the unit tests, half for the integration tests')
 	$(RUN) -m pytest test/unit test/property -n auto --dist worksteal $(ARGS) $(NONE_CHOSEN)
-	$(RUN) -m pytest test/integration -n 8 --maxschedchunk 1 $(ARGS) $(NONE_CHOSEN)
+	$(RUN) -m pytest test/integration -n 6 --maxschedchunk 1 $(ARGS) $(NONE_CHOSEN)
 
 lint: $(READY)
 	$(RUN) -m ruff check

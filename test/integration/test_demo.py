@@ -170,7 +170,7 @@ def test_ctrl_c_ends_everything_that_was_started(demo):
     pids = demo.pids()
     demo.until('none normal')
     demo.process.send_signal(signal.SIGINT)
-    assert demo.finish() == 130
+    assert demo.finish() == 130, demo.text
     assert not [name for name, pid in pids.items() if alive(pid)]
 
 
