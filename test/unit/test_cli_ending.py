@@ -148,6 +148,31 @@ with one_line_errors('x'):
     assert done.stderr.endswith('x: interrupted\n')
 
 
+@pytest.mark.parametrize('signals', [0, 1])
+def test_what_compiled_code_makes_of_an_interruption_is_one(signals):
+    """Where Python that it calls is interrupted it raises an error of its own, as rclpy does."""
+    program = f"""
+import os, signal
+from uav_mission_manager.cli.errors import one_line_errors
+
+with one_line_errors('x'):
+    try:
+        for _ in range({signals}):
+            os.kill(os.getpid(), signal.SIGINT)
+    except KeyboardInterrupt:
+        pass
+    raise RuntimeError('Unable to convert')
+"""
+    done = subprocess.run(
+        [sys.executable, '-c', program], cwd=share_directory(), capture_output=True, text=True
+    )
+    assert done.returncode == (128 + signal.SIGINT if signals else 1)
+    assert (done.stderr == 'x: interrupted\n') == bool(signals)
+    assert done.stderr.endswith(
+        'interrupted\n' if signals else 'RuntimeError: Unable to convert\n'
+    )
+
+
 @pytest.mark.parametrize('command', ['policy_build', 'policy_query'])
 def test_interrupted_while_its_modules_are_imported(command):
     process = start(command, '--help')

@@ -68,8 +68,12 @@ def one_line_errors(command: str) -> Iterator[None]:
     """
     _prepare(command)
     try:
-        with flushed():
-            yield
+        try:
+            with flushed():
+                yield
+        except Exception:
+            look_for_interruption()  # Compiled code makes an error of its own of it.
+            raise
     except KeyboardInterrupt as error:
         print(f'{command}: interrupted', file=sys.stderr)
         # Python's own has no number.
