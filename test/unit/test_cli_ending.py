@@ -124,6 +124,13 @@ def test_a_process_of_a_build_that_dies(long_build):
     )
 
 
+def run_program(program):
+    """Run some Python in a process of its own."""
+    return subprocess.run(
+        [sys.executable, '-c', program], cwd=share_directory(), capture_output=True, text=True
+    )
+
+
 def test_an_interruption_that_was_lost_is_found():
     """What a signal raises in a destructor, Python drops."""
     program = """
@@ -141,9 +148,7 @@ with one_line_errors('x'):
     look_for_interruption()
     print('not found')
 """
-    done = subprocess.run(
-        [sys.executable, '-c', program], cwd=share_directory(), capture_output=True, text=True
-    )
+    done = run_program(program)
     assert (done.stdout, done.returncode) == ('lost\n', 128 + signal.SIGTERM)
     assert done.stderr.endswith('x: interrupted\n')
 
@@ -163,9 +168,7 @@ with one_line_errors('x'):
         pass
     raise RuntimeError('Unable to convert')
 """
-    done = subprocess.run(
-        [sys.executable, '-c', program], cwd=share_directory(), capture_output=True, text=True
-    )
+    done = run_program(program)
     assert done.returncode == (128 + signal.SIGINT if signals else 1)
     assert (done.stderr == 'x: interrupted\n') == bool(signals)
     assert done.stderr.endswith(
@@ -199,9 +202,7 @@ except KeyboardInterrupt:
     pass
 raise ImportError('no datetime')
 """
-    done = subprocess.run(
-        [sys.executable, '-c', program], cwd=share_directory(), capture_output=True, text=True
-    )
+    done = run_program(program)
     assert done.returncode == 1
     assert (done.stderr == 'interrupted\n') == bool(signals)
     assert done.stderr.endswith('interrupted\n' if signals else 'ImportError: no datetime\n')
