@@ -4,11 +4,18 @@ It knows only what the solver uses, each as CuPy 13 and 14 have it: arguments th
 as `mode` of `take` or `where` of a ufunc, are errors here. Beyond CuPy, it refuses what would be
 slow there: an argument that shares memory with a result and is not the same array, which CuPy
 copies, and a reshape that is a copy. Room not written yet holds NaN. It counts the memory in use.
+Expressions of `ElementwiseKernel` are compiled by the machine's own C++ compiler.
 """
 
 from __future__ import annotations
 
+import ctypes
+import functools
+import math
+import subprocess
+import tempfile
 import weakref
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -105,6 +112,77 @@ class Array(np.lib.mixins.NDArrayOperatorsMixin):
     dtype = property(lambda self: self.host.dtype)
     size = property(lambda self: self.host.size)
     ndim = property(lambda self: self.host.ndim)
+
+
+class ElementwiseKernel:
+    """An expression in C++, evaluated for each entry of the arrays that are not raw."""
+
+    def __init__(self, in_params, out_params, operation, name='kernel', *, options=()):
+        assert '--fmad=false' in options, 'other bits than those of NumPy'
+        params = [param.split() for param in f'{in_params}, {out_params}'.split(',')]
+        self.params = tuple((param[0] == 'raw', param[-2], param[-1]) for param in params)
+        self.inputs = len(in_params.split(','))
+        self.operation = operation
+
+    def __call__(self, *arguments):
+        taken = list(zip(self.params, arguments, strict=True))
+        (dtype,) = {x.dtype for (_, kind, _), x in taken if kind == 'T' and isinstance(x, Array)}
+        shapes = [x.shape for (raw, *_), x in taken if isinstance(x, Array) and not raw]
+        shape, passed, results, kept = np.broadcast_shapes(*shapes), [], [], []
+        for place, ((raw, kind, _), x) in enumerate(taken):
+            expected = dtype if kind == 'T' else np.dtype(kind)
+            if not isinstance(x, Array):
+                passed.append(np.ctypeslib.as_ctypes_type(expected)(x))
+                continue
+            assert x.dtype == expected
+            host = x.host
+            if place >= self.inputs:
+                assert host.shape == shape, 'Out shape is mismatched'
+                host = host.copy()
+                results.append((x.host, host))
+            elif raw:
+                assert host.flags.c_contiguous, 'a flat index is slow there'
+            else:
+                host = np.ascontiguousarray(np.broadcast_to(host, shape))
+            passed.append(ctypes.c_void_p(host.ctypes.data))
+            kept.append(host)
+        are_arrays = tuple(isinstance(x, Array) for x in arguments)
+        run = _compiled(self.params, are_arrays, self.operation, C_TYPES[dtype.name])
+        run(ctypes.c_ssize_t(math.prod(shape)), *passed)
+        for into, result in results:
+            into[...] = result
+
+
+C_TYPES = {
+    'float32': 'float',
+    'float64': 'double',
+    'uint32': 'unsigned int',
+    'int32': 'int',
+    'uint8': 'unsigned char',
+}
+
+
+@functools.cache
+def _compiled(params, are_arrays, operation, real):
+    """Compile the loop over all entries."""
+    given, entries = [], []
+    for (raw, kind, name), is_array in zip(params, are_arrays):
+        kind = real if kind == 'T' else C_TYPES[kind]
+        given.append(f'{kind}* {"" if raw else "_"}{name}' if is_array else f'{kind} {name}')
+        if is_array and not raw:
+            entries.append(f'{kind}& {name} = _{name}[i];')
+    code = f"""
+        #include <cstddef>
+        typedef {real} T;
+        extern "C" void run(ptrdiff_t size, {', '.join(given)}) {{
+            for (ptrdiff_t i = 0; i < size; ++i) {{ {' '.join(entries)} {operation} }}
+        }}
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        library = Path(folder) / 'steps.so'
+        how = '-x', 'c++', '-', '-shared', '-fPIC', '-O1', '-ffp-contract=off', '-o', library
+        subprocess.run(['c++', *how], input=code, text=True, check=True)
+        return ctypes.CDLL(str(library)).run
 
 
 def _freed(count):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import gc
 import re
+import shutil
 import sys
 from types import SimpleNamespace
 
@@ -36,6 +37,8 @@ from uav_mission_manager.solver.submdp import SubMdp, whole_mission
 @pytest.fixture
 def stand_in(monkeypatch):
     """CuPy's name leads to the stand-in."""
+    if shutil.which('c++') is None:
+        pytest.skip('no C++ compiler')
     monkeypatch.setitem(sys.modules, 'cupy', strict_cupy)
     return strict_cupy
 

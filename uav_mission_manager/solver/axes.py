@@ -5,17 +5,19 @@ the views would take longer than the arithmetic; large ones block by block.
 
 Only correctly rounded elementwise operations in a fixed order are used, never a matrix product:
 every machine, numpy and BLAS computes the same bits. The arrays are NumPy's or CuPy's, all of one
-kind.
+kind; for CuPy's, what takes several steps is one (`uav_mission_manager.solver.fused`).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
 
 from uav_mission_manager.mdp.arrays import IndexArray, RealArray
+from uav_mission_manager.solver import fused
 
 ArrayStep = tuple[Callable[..., Any], tuple[Any, ...]]
 """A function and its arguments, the array that it fills among them."""
@@ -35,6 +37,8 @@ def mix(
     `source`, `out` and `scratch` have shape (before, n, ...), `matrices` (before, n, n), or
     (1, n, n) where all are the same.
     """
+    if matrices.shape[-1] == 3 and not isinstance(out, np.ndarray):
+        return [fused.mix(source, matrices, out)]
     weights = matrices.reshape(*matrices.shape, *(1,) * (source.ndim - 2))
     steps: list[ArrayStep] = [(np.multiply, (weights[:, :, 0], source[:, 0, None], out))]
     for j in range(1, matrices.shape[-1]):
@@ -47,6 +51,8 @@ def drift(
     values: RealArray, towards: RealArray, probability: RealArray, scratch: RealArray
 ) -> list[ArrayStep]:
     """Expectation over a change that cannot be undone: values += p (towards - values)."""
+    if not isinstance(values, np.ndarray):
+        return [(fused.run, (fused.DRIFT, towards, probability, values))]
     return [
         (np.subtract, (towards, values, scratch)),
         (np.multiply, (scratch, probability, scratch)),
@@ -62,15 +68,18 @@ def fall(
     `values`, `before` and `scratch` have shape (modes, lines, n, ..), `probabilities` (modes, D)
     for d = 0..D-1 < n.
     """
+    if not isinstance(values, np.ndarray):
+        levels, after = values.shape[2], math.prod(values.shape[3:])
+        counts = values.size // len(values), levels, after, probabilities.shape[1]
+        falling = fused.FALL, before, probabilities, *counts, values
+        return [(np.copyto, (before, values)), (fused.run, falling)]
     weights = probabilities.T.reshape(probabilities.shape[1], -1, *(1,) * (values.ndim - 1))
     steps: list[ArrayStep] = [
         (np.copyto, (before, values)),
         (np.multiply, (before, weights[0], values)),
     ]
     for d, weight in enumerate(weights[1:], 1):
-        product = scratch[:, :, :-d]
-        # CuPy would copy an argument that shares memory with the result, but not the same array.
-        lowest, others = values[:, :, :d], values[:, :, d:]
+        product, lowest, others = scratch[:, :, :-d], values[:, :, :d], values[:, :, d:]
         steps += [
             (np.multiply, (before[:, :, :-d], weight, product)),
             # All that would fall further stays at the first entry.

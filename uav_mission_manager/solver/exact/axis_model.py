@@ -18,7 +18,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from uav_mission_manager.mdp.actions import Action
 from uav_mission_manager.mdp.arrays import FloatArray, IndexArray, IntArray, RealArray
@@ -132,6 +132,30 @@ class AxisModel:
     def arrivals(self) -> int:
         """Number of arrivals."""
         return 2 * self.q + len(ON_GROUND) + 2 * self.sub.n
+
+    @cached_property
+    def action_arrivals(self) -> IndexArray:
+        """`Choice.arrivals` of all actions, shape (q, A)."""
+        return np.stack([choice.arrivals for choice in self.choices], axis=1)
+
+    @cached_property
+    def action_costs(self) -> RealArray:
+        """`Choice.cost` of all actions, shape (q, A, 3, columns)."""
+        costs = np.empty((self.q, len(self.choices), 3, self.columns), self.dtype)
+        for a, choice in enumerate(self.choices):
+            costs[:, a] = choice.cost
+        return costs
+
+    @cached_property
+    def action_levels(self) -> NDArray[np.uint8]:
+        """Priority of each action's goal, 0 for those without one, shape (rows, A)."""
+        levels = np.zeros((self.rows, len(self.choices)), np.uint8)
+        for a, choice in enumerate(self.choices):
+            if choice.slot is not None:
+                levels.reshape(-1, 3, 3 ** (self.sub.n - 1 - choice.slot), levels.shape[1])[
+                    ..., a
+                ] = np.arange(3)[:, None]
+        return levels
 
     def zero(self) -> RealArray:
         """Return W = 0, on the device."""

@@ -135,11 +135,10 @@ class Tables(NamedTuple):
             changes.append((0, 0, model.drain))
         alike = [change for change in changes if np.array_equal(*change[2])]
         changes = alike + [change for change in changes if not np.array_equal(*change[2])]
-        costs = np.empty((model.q, len(choices), 3, model.columns), model.dtype)
+        costs = model.action_costs
         # Unsigned: an index below 0 would count from the end, which numba would look for.
         spans = np.zeros((len(choices), 3, 2), np.uint64)
-        for a, choice in enumerate(choices):
-            costs[:, a] = choice.cost
+        for a in range(len(choices)):
             for level, allowed in enumerate(np.asarray(np.isfinite(costs[:, a]).any(axis=0))):
                 span = hull(allowed)
                 spans[a, level] = (span.start, span.stop) if allowed.any() else (0, 0)
@@ -157,7 +156,7 @@ class Tables(NamedTuple):
             recharged=model.recharged,
             repair=model.repair[()],
             completion=np.repeat(completion, width, axis=1),
-            arrivals=np.array([choice.arrivals for choice in choices], np.uint64).T.copy(),
+            arrivals=model.action_arrivals.astype(np.uint64),
             slots=np.array([-1 if choice.slot is None else choice.slot for choice in choices]),
             spans=spans,
             costs=costs,

@@ -102,9 +102,15 @@ class ArrivalExpectation:
         self.after = [3 ** (n - 1 - slot) for slot in range(n)]
         heights = [rows // 3 if self.varies(slot) else rows for slot in range(n)]
         ends = np.cumsum([q * rows, *heights]).tolist()
-        self.flight = model.empty((2, columns, ends[-1]))
-        self.open = self.flight[:, :, : q * rows].reshape(2, columns, q, rows)
-        self.completed = [self.flight[:, :, i:j] for i, j in pairwise(ends)]
+        # Along the columns a card works on all rows; NumPy wants long pieces, so rows within them.
+        if model.device.on_gpu:
+            self.flight, self.lines = model.empty((2, ends[-1], columns)), ends[-1]
+            flown = self.flight
+        else:
+            self.flight, self.lines = model.empty((2, columns, ends[-1])), 1
+            flown = self.flight.transpose(0, 2, 1)
+        self.open = flown[:, : q * rows].reshape(2, q, rows, columns)
+        self.completed = [flown[:, i:j] for i, j in pairwise(ends)]
         price = np.repeat(model.price, model.rows // model.sub.threats, axis=2)
         self.price, self.repair = put(price[..., None]), put(model.repair)
         # A completed part lacks the axis of g_j, on which the price does not depend.
@@ -121,17 +127,17 @@ class ArrivalExpectation:
         """Steps that fill `table` for the rows from `first` on."""
         q, span = self.model.q, slice(first, first + self.rows)
         source, price = expected.open[:, span], self.price[:, :, span]
-        steps: list[ArrayStep] = [(np.copyto, (self.open[0], source.transpose(2, 0, 1)))]
+        steps: list[ArrayStep] = [(np.copyto, (self.open[0], source))]
         for slot, part in enumerate(self.completed):
             start = self._row_without(slot, first)
-            done = expected.completed[slot][start : start + part.shape[2]]
-            steps.append((np.copyto, (part[0], done.T)))
+            done = expected.completed[slot][start : start + part.shape[1]]
+            steps.append((np.copyto, (part[0], done)))
         steps += self.flight_steps
         flown = self.table[: 2 * q].reshape(2, *source.shape)
-        steps.append((np.add, (self.open.transpose(0, 2, 3, 1), price, flown)))
+        steps.append((np.add, (self.open, price, flown)))
         steps += self._ground(source, price[0])
         for slot, completion in enumerate(self.completion_steps):
-            into, done = self._completing(slot), self.completed[slot].transpose(0, 2, 1)
+            into, done = self._completing(slot), self.completed[slot]
             cell = self.model.goal_cells[slot]
             steps.append((np.copyto, (into, flown[:, cell])))
             start = self._row_without(slot, first)
@@ -155,7 +161,7 @@ class ArrivalExpectation:
         for digit, (probability, leaves) in enumerate(digits):
             same = probability[0] == probability[1]  # Taken once for both modes.
             flight = self.flight[:1] if same else self.flight
-            bits = flight.reshape(len(flight), 2**digit, 2, -1)
+            bits = flight.reshape(len(flight), self.lines * 2**digit, 2, -1)
             values, towards = bits[:, :, leaves], bits[:, :, 1 - leaves]
             scratch = room[: values.size].reshape(values.shape)
             weights = put(probability[: len(flight), None, None])
@@ -163,7 +169,7 @@ class ArrivalExpectation:
         if model.drain.size:
             same = np.array_equal(*model.drain)
             modes = 1 if same else 2
-            levels = self.flight[:modes].reshape(modes, 8, model.columns // 8, -1)
+            levels = self.flight[:modes].reshape(modes, self.lines * 8, model.columns // 8, -1)
             scratch = model.empty((2, *levels.shape))
             (alike if same else different).extend(fall(levels, put(model.drain[:modes]), *scratch))
         return [*alike, (np.copyto, (self.flight[1], self.flight[0])), *different]
@@ -191,7 +197,7 @@ class ArrivalExpectation:
 
     def _completion(self, slot: int) -> list[ArrayStep]:
         """Mix with the completed part by completion_j(f), in the modes where it is not 0."""
-        model, part = self.model, self.completed[slot].transpose(0, 2, 1)
+        model, part = self.model, self.completed[slot]
         levels, after = (3, self.after[slot]) if self.varies(slot) else (1, part.shape[1])
         completion, width = model.completion[slot], model.columns // 8
         able = hull(completion > 0)

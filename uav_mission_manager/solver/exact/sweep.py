@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uav_mission_manager.mdp.arrays import RealArray
+from uav_mission_manager.solver import fused
 from uav_mission_manager.solver.axes import ArrayStep, gather, run_steps
 from uav_mission_manager.solver.exact.axis_model import AxisModel, Choice
 from uav_mission_manager.solver.exact.device import CPU, Device
@@ -95,6 +96,8 @@ class RowBackup:
     def steps(self, values: RealArray, expected: ExogenousTables, first: int) -> list[ArrayStep]:
         """Steps that back up W in these rows and leave the change in `q`."""
         old = values[:, first : first + self.rows]
+        if self.model.device.on_gpu and self.policy is None:
+            return [*self.expectation.steps(expected, first), self._fused(old, first)]
         return [
             *self._minimise(expected, first, self.policy),
             (np.add, (self.least, self._base_cost(first), self.least)),
@@ -102,10 +105,10 @@ class RowBackup:
             (np.copyto, (old, self.least)),
         ]
 
-    def change(self) -> tuple[float, float]:
-        """Least and largest entry of `q`."""
+    def change(self) -> tuple[Any, Any]:
+        """Least and largest entry of `q`; nothing waits for a card to have them."""
         entries = self.q.reshape(-1)
-        return float(entries.min()), float(entries.max())
+        return entries.min(), entries.max()
 
     def go_on(self, values: RealArray, further: float, first: int) -> None:
         """Change W in these rows by so many times more than the backup did."""
@@ -153,6 +156,18 @@ class RowBackup:
             if cost is not None:
                 q = candidate.q
                 yield candidate, [candidate.look_up, (np.add, (q, cost, q))]
+
+    def _fused(self, old: RealArray, first: int) -> ArrayStep:
+        """All of it at once, on a card."""
+        counts = len(self.model.choices), first, self.rows, self.model.columns
+        tables = self.expectation.table, *self._action_tables, self._base_cost(first), np.inf
+        return fused.run, (fused.BACK_UP, *tables, *counts, old, self.q)
+
+    @cached_property
+    def _action_tables(self) -> list[Any]:
+        model = self.model
+        tables = model.action_arrivals.astype(np.int32), model.action_costs, model.action_levels
+        return [model.device.put(table) for table in tables]
 
     def _base_cost(self, first: int) -> RealArray:
         """Rows of b, to add to (cells, rows, columns)."""
@@ -258,15 +273,17 @@ class Sweeper:
             if self.whole is None:
                 self.whole = self.exogenous[0].steps(self.values, self.expected, 0, 0)
                 self.whole += self.row_backups[0].steps(self.values, self.expected, 0)
-            return self._back_up(0, 0, further, self.whole)
-        self.expect()
-        row_backups = self.row_backups
+            changes = [self._back_up(0, 0, further, self.whole)]
+        else:
+            self.expect()
+            row_backups = self.row_backups
 
-        def back_up(worker: int, first: int) -> tuple[float, float]:
-            steps = row_backups[worker].steps(self.values, self.expected, first)
-            return self._back_up(worker, first, further, steps)
+            def back_up(worker: int, first: int) -> tuple[Any, Any]:
+                steps = row_backups[worker].steps(self.values, self.expected, first)
+                return self._back_up(worker, first, further, steps)
 
-        lows, highs = zip(*share(back_up, self.row_blocks, self.threads))
+            changes = share(back_up, self.row_blocks, self.threads)
+        lows, highs = (map(float, ends) for ends in zip(*changes))
         return min(lows), max(highs)
 
     def greedy(self) -> ActionTable:
@@ -292,7 +309,7 @@ class Sweeper:
 
     def _back_up(
         self, worker: int, first: int, further: float, steps: list[ArrayStep]
-    ) -> tuple[float, float]:
+    ) -> tuple[Any, Any]:
         row_backup = self.row_backups[worker]
         run_steps(steps)
         change = row_backup.change()
@@ -315,9 +332,7 @@ def _follow(followed: RealArray, q: RealArray, numbers: ActionTable, number: int
 
 def is_compiled(sub: SubMdp, device: Device = CPU) -> bool:
     """Whether compiling pays for the sweeps of a sub-MDP, and numba is there to do it."""
-    if device.on_gpu:
-        return False
-    pays = sub.entries >= MIN_COMPILED_ENTRIES and sub.threats == 3
+    pays = not device.on_gpu and sub.entries >= MIN_COMPILED_ENTRIES and sub.threats == 3
     return pays and find_spec('numba') is not None
 
 
