@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from parts import pages
@@ -18,7 +19,7 @@ from parts.missions import case_study, with_battery
 
 from uav_mission_manager import build_policy
 from uav_mission_manager.mdp import Mission
-from uav_mission_manager.mdp.arrays import FloatArray, IntArray
+from uav_mission_manager.mdp.arrays import FloatArray, IntArray, RealArray
 from uav_mission_manager.policy import Policy
 from uav_mission_manager.solver.evaluation.occupancy import flown_states
 from uav_mission_manager.solver.evaluation.simulation import (
@@ -26,7 +27,7 @@ from uav_mission_manager.solver.evaluation.simulation import (
     cost_horizon,
     simulate,
 )
-from uav_mission_manager.solver.exact import AxisModel, LookAhead, value_iteration
+from uav_mission_manager.solver.exact import AxisModel, LookAhead, Sweeper, value_iteration
 from uav_mission_manager.solver.submdp import whole_mission
 
 ORDERS = (2, 3)
@@ -60,6 +61,7 @@ def main() -> int:
     """Run the benchmark."""
     parser = pages.parser(__doc__.splitlines()[0])
     parser.add_argument('--goals', type=int, nargs='+', default=[3, 6, 10])
+    parser.add_argument('--keep', type=Path, help='folder for the exact values, for another run')
     options = parser.parse_args()
     rows = [row for k in options.goals for row in _rows(k, options)]
     head = ['goals', 'states', 'order', 'build [s]', 'drawn', 'near', 'loss', 'gap']
@@ -74,13 +76,14 @@ def main() -> int:
 
 def _rows(k: int, options: argparse.Namespace) -> list[list[str]]:
     """Two rows for each order: over even and over flown states."""
-    mission, start = with_battery(case_study(k)), time.perf_counter()
-    solution = value_iteration(whole_mission(mission), TOLERANCE)
-    print(f'{k} goals exactly: {time.perf_counter() - start:.1f} s', flush=True)
-    model = AxisModel(solution.sub)
-    look_ahead = LookAhead(model, solution.value)
+    mission = with_battery(case_study(k))
+    model = AxisModel(whole_mission(mission))
+    values = _exact(model, options.keep and options.keep / f'{k}.npy')
+    sweeper = Sweeper(model, values)
+    sweeper.expect()
+    look_ahead = LookAhead(model, values, sweeper.expected)
     optimum = ControlVariate(
-        lambda states: model.state_values(solution.value, states), look_ahead.q_values
+        lambda states: model.state_values(values, states), look_ahead.q_values
     )
     rows = []
     for order in ORDERS:
@@ -91,6 +94,18 @@ def _rows(k: int, options: argparse.Namespace) -> list[list[str]]:
             rows.append([str(entry) for entry in (*known, *figures)])
             print(*rows[-1], flush=True)
     return rows
+
+
+def _exact(model: AxisModel, file: Path | None) -> RealArray:
+    """W*, from the file if it was kept there."""
+    if file and file.exists():
+        return np.load(file)
+    start = time.perf_counter()
+    values = value_iteration(model.sub, TOLERANCE).value
+    print(f'{model.sub.n} goals exactly: {time.perf_counter() - start:.1f} s', flush=True)
+    if file:
+        np.save(file, values)
+    return values
 
 
 def _judged(policy: Policy, optimum: ControlVariate) -> list[list[str]]:

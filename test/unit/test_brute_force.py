@@ -36,7 +36,7 @@ def test_every_q_of_the_case_study_with_one_goal(goal, feasibility):
     assert_same_q(case_study(goal, feasibility=feasibility))
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(missions(SMALL, [1]) | charged_missions(SMALL, [1]))
 def test_every_q_of_any_mission_with_one_goal(document):
     assert_same_q(document)

@@ -364,7 +364,7 @@ def test_what_flickers_settles(policy: Policy, flicker: Flicker) -> None:
         flight = Flight(policy)
         flight.at(cell)
         flight.ask(*priorities, name='at first')
-        times = _changes(flight, flicker)
+        times = _changes(flight, flicker, 41.0)
         assert len(times) <= 3, (cell, priorities)
         assert all(time < 1030.0 for time in times)
 

@@ -9,7 +9,7 @@ import math
 import re
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import MultiPoint, Point
 from test_mission_new import HERE, KML, PLAN, POINT, SURVEY, file_of, made, refusal, warnings_for
@@ -357,6 +357,7 @@ def rounds_at(middles, points):
     return found
 
 
+@settings(max_examples=40)
 @given(POINTS, MIDDLES, st.floats(5.0, 300.0), BEARINGS)
 def test_a_grid_that_fits_does(points, middles, size, bearing):
     goals, home = rounds_at(middles, points), Place('home', 47.0, 8.0, 'test')

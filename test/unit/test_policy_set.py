@@ -79,11 +79,11 @@ def test_any_mission_comes_back_and_twice_the_same_bytes(tmp_path_factory, docum
 
 
 def test_flipped_bits_of_the_manifest(copy):
-    """In every byte; bit 5 also, for it turns 1e-08 into 1E-08, the same number."""
+    """In every byte; bit 5 of each e also, for it turns 1e-08 into 1E-08, the same number."""
     manifest = copy / 'manifest.json'
     good = manifest.read_bytes()
     for at in range(len(good)):
-        for bit in {at % 8, 5}:
+        for bit in {at % 8, 5} if good[at] == ord('e') else {at % 8}:
             bad = bytearray(good)
             bad[at] ^= 1 << bit
             manifest.write_bytes(bad)
@@ -304,7 +304,11 @@ def any_set(request, tmp_path_factory):
 
 @pytest.mark.parametrize('name', HOSTILE)
 def test_hostile_fields_of_the_manifest(any_set, name, capsys):
-    """The set is refused in one short line, or what is said of it is not harmed."""
+    """The set is refused in one short line, or what is said of it is not harmed.
+
+    Each value is tried in a third of the fields, and each field with a third of the values.
+    """
+    first = list(HOSTILE).index(name) % 3
     manifest = any_set / 'manifest.json'
     good = manifest.read_text()
 
@@ -315,7 +319,7 @@ def test_hostile_fields_of_the_manifest(any_set, name, capsys):
         data[last] = HOSTILE[name]
 
     try:
-        for place in places(json.loads(good)):
+        for place in list(places(json.loads(good)))[first::3]:
             if place != ('digest',):
                 manifest.write_text(good)
                 forge(any_set, change)

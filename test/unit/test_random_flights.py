@@ -15,7 +15,7 @@ from uav_mission_manager.autopilot.simulator.frames import MOTOR_FRAMES
 from uav_mission_manager.mdp import Mission, mission_from_dict
 from uav_mission_manager.policy import build_policy
 
-MISSIONS = 30
+MISSIONS = 12
 BUSY_TIME = 150.0
 """Simulated time [s] in which goals are asked for and things go wrong."""
 

@@ -16,8 +16,6 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from pymavlink import mavutil
-
 from uav_mission_manager.autopilot.threaded_port import PORT_ERRORS, PORT_READ_BYTES, ThreadedPort
 from uav_mission_manager.autopilot.wire import SerialWire, TcpWire
 from uav_mission_manager.echo import quoted
@@ -106,6 +104,8 @@ def _open(connection: str) -> Any:
 
 def _pymavlink_port(connection: str) -> ThreadedPort:
     def opened() -> Any:
+        from pymavlink import mavutil  # It takes a tenth of the bridge's start, and few need it.
+
         return mavutil.mavlink_connection(connection)
 
     return ThreadedPort(connection, opened, at_once=True)

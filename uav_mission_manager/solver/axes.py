@@ -38,7 +38,9 @@ def mix(
     (1, n, n) where all are the same.
     """
     if matrices.shape[-1] == 3 and not isinstance(out, np.ndarray):
-        return [fused.mix(source, matrices, out)]
+        values, mixed = ([table[:, j] for j in range(3)] for table in (source, out))
+        alike = out.size // (3 * len(matrices))
+        return [(fused.run, (fused.MIX, *values, matrices, alike, *mixed))]
     weights = matrices.reshape(*matrices.shape, *(1,) * (source.ndim - 2))
     steps: list[ArrayStep] = [(np.multiply, (weights[:, :, 0], source[:, 0, None], out))]
     for j in range(1, matrices.shape[-1]):

@@ -12,8 +12,6 @@ from functools import cache
 from importlib import import_module
 from typing import Any
 
-from uav_mission_manager.mdp.arrays import RealArray
-
 MIX = (
     'T a, T b, T c, raw T weights, uint32 alike',
     'T x, T y, T z',
@@ -72,13 +70,6 @@ goal's priority, which replaces the `old` W."""
 def run(expression: tuple[str, str, str], *arguments: Any) -> None:
     """Evaluate an expression on arrays of a card, for each entry of those that are not `raw`."""
     _kernel(import_module('cupy'), *expression)(*arguments)
-
-
-def mix(source: RealArray, matrices: RealArray, out: RealArray) -> tuple[Any, tuple[Any, ...]]:
-    """Step of `uav_mission_manager.solver.axes.mix` for three values."""
-    a, b, c = (source[:, j] for j in range(3))
-    x, y, z = (out[:, j] for j in range(3))
-    return run, (MIX, a, b, c, matrices, out.size // (3 * len(matrices)), x, y, z)
 
 
 @cache

@@ -152,10 +152,18 @@ class AxisModel:
         levels = np.zeros((self.rows, len(self.choices)), np.uint8)
         for a, choice in enumerate(self.choices):
             if choice.slot is not None:
-                levels.reshape(-1, 3, 3 ** (self.sub.n - 1 - choice.slot), levels.shape[1])[
-                    ..., a
-                ] = np.arange(3)[:, None]
+                levels[:, a] = np.arange(self.rows) // self.after[choice.slot] % 3
         return levels
+
+    @cached_property
+    def after(self) -> list[int]:
+        """Rows from one priority of each goal tracked to the next."""
+        return [3**slot for slot in reversed(range(self.sub.n))]
+
+    def row_without(self, slot: int, row: int) -> int:
+        """Row of a table that lacks the axis of a goal's priority."""
+        before, within = divmod(row, 3 * self.after[slot])
+        return before * self.after[slot] + within % self.after[slot]
 
     def zero(self) -> RealArray:
         """Return W = 0, on the device."""

@@ -90,8 +90,6 @@ class ArrivalExpectation:
     ----------
     rows : int
         A power of 3, or all.
-    after : list of int
-        Rows from one priority of each goal tracked to the next.
     table : float array (arrivals, rows, columns)
         Discounted E[W(s') + p(t', m')], in the order of `AxisModel`'s arrivals.
     """
@@ -99,7 +97,6 @@ class ArrivalExpectation:
     def __init__(self, model: AxisModel, rows: int) -> None:
         n, q, columns, put = model.sub.n, model.q, model.columns, model.device.put
         self.model, self.rows = model, rows
-        self.after = [3 ** (n - 1 - slot) for slot in range(n)]
         heights = [rows // 3 if self.varies(slot) else rows for slot in range(n)]
         ends = np.cumsum([q * rows, *heights]).tolist()
         # Along the columns a card works on all rows; NumPy wants long pieces, so rows within them.
@@ -121,7 +118,7 @@ class ArrivalExpectation:
 
     def varies(self, slot: int) -> bool:
         """Whether a goal's priority varies within a block of rows."""
-        return 3 * self.after[slot] <= self.rows
+        return 3 * self.model.after[slot] <= self.rows
 
     def steps(self, expected: ExogenousTables, first: int) -> list[ArrayStep]:
         """Steps that fill `table` for the rows from `first` on."""
@@ -129,7 +126,7 @@ class ArrivalExpectation:
         source, price = expected.open[:, span], self.price[:, :, span]
         steps: list[ArrayStep] = [(np.copyto, (self.open[0], source))]
         for slot, part in enumerate(self.completed):
-            start = self._row_without(slot, first)
+            start = self.model.row_without(slot, first)
             done = expected.completed[slot][start : start + part.shape[1]]
             steps.append((np.copyto, (part[0], done)))
         steps += self.flight_steps
@@ -140,16 +137,11 @@ class ArrivalExpectation:
             into, done = self._completing(slot), self.completed[slot]
             cell = self.model.goal_cells[slot]
             steps.append((np.copyto, (into, flown[:, cell])))
-            start = self._row_without(slot, first)
+            start = self.model.row_without(slot, first)
             price_there = self.completed_prices[slot][:, start : start + done.shape[1]]
             steps.append((np.add, (done, price_there, done)))
             steps += completion
         return steps
-
-    def _row_without(self, slot: int, row: int) -> int:
-        """Row of a table that lacks the axis of a goal's priority."""
-        before, after = divmod(row, 3 * self.after[slot])
-        return before * self.after[slot] + after % self.after[slot]
 
     def _flight(self) -> list[ArrayStep]:
         """Expectation over each bit of f' (camera, actuator, sensor), and each r_j' or b'."""
@@ -198,7 +190,7 @@ class ArrivalExpectation:
     def _completion(self, slot: int) -> list[ArrayStep]:
         """Mix with the completed part by completion_j(f), in the modes where it is not 0."""
         model, part = self.model, self.completed[slot]
-        levels, after = (3, self.after[slot]) if self.varies(slot) else (1, part.shape[1])
+        levels, after = (3, model.after[slot]) if self.varies(slot) else (1, part.shape[1])
         completion, width = model.completion[slot], model.columns // 8
         able = hull(completion > 0)
         inside = slice(able.start * width, able.stop * width)

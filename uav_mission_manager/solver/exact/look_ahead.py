@@ -35,10 +35,14 @@ class LookAhead:
     model : AxisModel
     values : float array (q, rows, columns)
         W; may be memory-mapped.
+    expected : ExogenousTables, optional
+        E of W over t' and g', of a `Sweeper`: what is in them is not summed again, state by state.
     """
 
-    def __init__(self, model: AxisModel, values: RealArray) -> None:
-        self.model, self.values = model, values
+    def __init__(
+        self, model: AxisModel, values: RealArray, expected: ExogenousTables | None = None
+    ) -> None:
+        self.model, self.values, self.expected = model, values, expected
         choices = model.choices
         self.arrivals = np.stack([choice.arrivals for choice in choices])
         self.slots = np.array([0 if choice.slot is None else choice.slot for choice in choices])
@@ -76,7 +80,7 @@ class LookAhead:
 
     def _expected(self, cell: int, row: int, column: int) -> FloatArray:
         """Discounted E[W(s') + p(t', m')] of one state for each action, shape (actions,)."""
-        successors = _Successors(self.model, self.values, row, column)
+        successors = _Successors(self, row, column)
         arrivals = self.arrivals[:, cell].tolist()
         known = {arrival: successors.expected(arrival) for arrival in set(arrivals)}
         return np.array([known[arrival] for arrival in arrivals])
@@ -85,9 +89,10 @@ class LookAhead:
 class _Successors:
     """Sums over the successors of one state."""
 
-    def __init__(self, model: AxisModel, values: RealArray, row: int, column: int) -> None:
-        n, self.width = model.sub.n, model.columns // 8
-        self.model, self.values, self.column = model, values, column
+    def __init__(self, ahead: LookAhead, row: int, column: int) -> None:
+        self.model, self.values, self.known = ahead.model, ahead.values, ahead.expected
+        model, n, self.width = self.model, self.model.sub.n, self.model.columns // 8
+        self.row, self.column = row, column
         self.fault, ranges = divmod(column, self.width)
         self.threat, levels = divmod(row, model.rows // model.sub.threats)
         self.priorities = [
@@ -143,6 +148,10 @@ class _Successors:
 
     def _exogenous(self, cell: int, completed: int | None) -> RealArray:
         """E over t' and g' in a cell, shape (columns,)."""
+        if self.known is not None:
+            if completed is None:
+                return self.known.open[cell, self.row]
+            return self.known.completed[completed][self.model.row_without(completed, self.row)]
         if (cell, completed) not in self.by_column:
             axes = [self.model.threat[cell, self.threat], *self.priorities]
             if completed is not None:

@@ -41,8 +41,8 @@ MAX_BLOCK_ENTRIES = 1 << 17
 """Entries of W that a thread works on at a time: a choice; ten tables of that size fit caches."""
 
 MAX_GPU_BLOCK_ENTRIES = 1 << 25
-"""The same of a card: a choice, not measured. A step on so many should take far longer than its
-launch, and thirty tables of that size are a small part of a large card's memory."""
+"""The same of a card: a choice. A step on so many takes far longer than its launch, and thirty
+tables of that size are a small part of a large card's memory."""
 
 MIN_THREADED_ENTRIES = 1 << 20
 """Entries of W from which threads pay: measured."""
@@ -179,7 +179,7 @@ class RowBackup:
 
     def _candidate(self, choice: Choice) -> _Candidate:
         model, slot = self.model, choice.slot
-        after = 1 if slot is None else self.expectation.after[slot]
+        after = 1 if slot is None else model.after[slot]
         varies = slot is not None and self.expectation.varies(slot)
         digits = (-1, 3, after) if varies else (1, 1, self.rows)
         axes = model.q, *digits, model.columns
@@ -212,6 +212,8 @@ class Sweeper:
         W on the model's device, overwritten by each backup.
     policy : uint8 array like values, optional
         Numbers of the actions to take; by default the best.
+    expected : ExogenousTables
+        Of W, once `expect` has filled them.
     """
 
     def __init__(
