@@ -14,7 +14,7 @@ from nav_msgs.msg import Odometry
 from playwright.sync_api import Browser, Error, Page, sync_playwright
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters
-from ros_helpers import ROOT, NodeProcess, Ros
+from ros_helpers import LIMIT, ROOT, NodeProcess, Ros
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import String, UInt8MultiArray
 from std_srvs.srv import Trigger
@@ -179,11 +179,11 @@ class Screen:
             return ''
         return found[0] if found else ''
 
-    def until(self, selector: str, text: str, limit: float = 20.0) -> None:
+    def until(self, selector: str, text: str) -> None:
         """Wait until a part of the page says so."""
         what = f'{text!r} in {selector}'
         try:
-            self._ros.until(lambda: text in self.text(selector), what, limit)
+            self._ros.until(lambda: text in self.text(selector), what)
         except AssertionError as error:
             raise AssertionError(f'{error}\n{self.text("body")}\n{self.troubles}') from None
 
@@ -195,7 +195,7 @@ class Screen:
         """Press a button once it can be; the vehicle goes on meanwhile."""
         button = self.page.get_by_role('button', name=name, disabled=False)
         self._ros.until(button.count, f'button {name}')
-        button.click(timeout=5000)
+        button.click(timeout=1000 * LIMIT)
 
     def confirm(self, button: str) -> None:
         """Press a button of the drawer, and say yes."""

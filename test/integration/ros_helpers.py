@@ -47,8 +47,8 @@ CASE_STUDY = {
 NODES_HERE = tuple(n for n in NODES if n != 'mission_record' or find_spec('rosbags'))
 """Nodes that can be started here: the recorder needs the extra `record`."""
 
-LIMIT = 60.0
-"""Seconds before a condition that never comes true fails the test."""
+LIMIT = 180.0
+"""Seconds before a condition that never comes true fails the test, on a slow and busy machine."""
 
 
 @contextmanager

@@ -131,7 +131,7 @@ class Chain:
         def done() -> bool:
             return goal in [message.data for message in self.completed]
 
-        self.ros.until(done, f'{goal}; {self.command}, {self.track[-1:]}', 120.0)
+        self.ros.until(done, f'{goal}; {self.command}, {self.track[-1:]}')
 
     def until_wanted(self, goals: list[int]) -> None:
         self.ros.until(

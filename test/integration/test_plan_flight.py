@@ -50,7 +50,7 @@ class Crew:
                 self._take(message)
             return True
 
-        self.ros.until(seen, f'{what}; {self.commands[-1:]}, {self.track[-1:]}', 120.0)
+        self.ros.until(seen, f'{what}; {self.commands[-1:]}, {self.track[-1:]}')
 
     def _take(self, message: Any) -> None:
         kind = message.get_type()

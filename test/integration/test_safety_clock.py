@@ -28,7 +28,7 @@ def test_a_node_goes_on_when_ros_time_goes_back_and_stands(ros: Ros, node, topic
     ros.until(lambda: messages, f'{topic} of {node}')
     assert ros.set_parameter(node, 'use_sim_time', True).successful
     count = len(messages)
-    ros.until(lambda: len(messages) > count + 2, f'{topic} of {node} under stopped time', 10.0)
+    ros.until(lambda: len(messages) > count + 2, f'{topic} of {node} under stopped time')
 
 
 @pytest.mark.parametrize(('node', 'topic', 'kind', 'profile'), REPEATED)

@@ -45,7 +45,7 @@ def heard_of(digest, state=STATE):
     return Heard().with_decision(HeardDecision('why', digest, state=state, command='x'), 0.0, '')
 
 
-def until(condition, limit=30.0):
+def until(condition, limit=180.0):
     end = time.monotonic() + limit
     while not condition():
         assert time.monotonic() < end

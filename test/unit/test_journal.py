@@ -21,7 +21,7 @@ from uav_mission_manager.mdp import mission_from_dict
 from uav_mission_manager.onboard import journal as module
 from uav_mission_manager.onboard.journal import Journal, JournalError, goals_hash
 
-LIMIT = 30.0
+LIMIT = 180.0
 """Seconds before a condition that never comes true fails the test."""
 
 
