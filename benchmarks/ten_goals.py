@@ -104,6 +104,7 @@ def _exact(model: AxisModel, file: Path | None) -> RealArray:
     values = value_iteration(model.sub, TOLERANCE).value
     print(f'{model.sub.n} goals exactly: {time.perf_counter() - start:.1f} s', flush=True)
     if file:
+        file.parent.mkdir(parents=True, exist_ok=True)
         np.save(file, values)
     return values
 
