@@ -17,7 +17,7 @@ from urllib.request import urlopen
 import pytest
 from ros_helpers import ROOT, ros_domain
 
-LIMIT = 180
+LIMIT = 600
 ON_SITE = '1 1 2 5 1 0 0'
 """Case I's state in cell 5, committed to goal 1, which has high priority."""
 

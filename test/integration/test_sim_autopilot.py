@@ -16,7 +16,7 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 ROOT = Path(__file__).resolve().parents[2]
-LIMIT = 180.0
+LIMIT = 600.0
 SPEEDUP = 20.0
 LATITUDE, LONGITUDE, ALTITUDE = 47.397742, 8.545594, 488.0
 GUIDED, RTL = 4, 6

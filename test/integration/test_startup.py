@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import random
-import signal
 import subprocess
 import sys
 import time
@@ -238,14 +237,15 @@ def test_paths_may_have_variables_and_a_home(ros: Ros, tmp_path: Path) -> None:
 # Signals
 
 
-def catches(process: NodeProcess, number: int = signal.SIGTERM) -> bool:
-    """Whether the process no longer dies by this signal."""
+def catches(process: NodeProcess) -> bool:
+    """Whether the process no longer dies by any of the signals that end it."""
     try:
         status = Path(f'/proc/{process.process.pid}/status').read_text()
     except OSError:
         return False
     line = next(line for line in status.splitlines() if line.startswith('SigCgt'))
-    return bool(int(line.split()[1], 16) >> (number - 1) & 1)
+    caught = int(line.split()[1], 16)
+    return all(caught >> (number - 1) & 1 for number in ENDING_SIGNALS)
 
 
 def assert_ends(process: NodeProcess, number: int) -> None:
