@@ -99,7 +99,7 @@ class ArrivalExpectation:
         self.model, self.rows = model, rows
         heights = [rows // 3 if self.varies(slot) else rows for slot in range(n)]
         ends = np.cumsum([q * rows, *heights]).tolist()
-        # Along the columns a card works on all rows; NumPy wants long pieces, so rows within them.
+        # A card keeps the order of W, without transposing; NumPy wants long runs, so rows last.
         if model.device.on_gpu:
             self.flight, self.lines = model.empty((2, ends[-1], columns)), ends[-1]
             flown = self.flight
