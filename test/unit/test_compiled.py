@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 
 import numpy as np
@@ -98,6 +100,33 @@ def test_the_compiler_counts_in_what_memory_is_needed(compiled, monkeypatch):
     with_numba = memory.needed_bytes(sub, np.float64, 2)
     monkeypatch.setitem(sys.modules, 'numba', None)
     assert with_numba - memory.needed_bytes(sub, np.float64, 2) == memory.COMPILER_BYTES
+
+
+USE = """
+import numpy as np
+from uav_mission_manager.solver.exact.kernels import mix_axes
+table, matrices = np.ones((1, 3, 2)), np.full((1, 3, 3), 2.0)
+mix_axes(table, table, matrices)
+print(float(table.sum()), sum(mix_axes.stats.cache_hits.values()))
+"""
+
+
+def use(**environment):
+    command = [sys.executable, '-c', USE]
+    environment = {**os.environ, 'PYTHONDONTWRITEBYTECODE': '', **environment}
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+
+
+def test_what_is_compiled_is_kept_for_the_next_process(compiled, tmp_path):
+    assert use(NUMBA_CACHE_DIR=str(tmp_path)).stdout.split() == ['36.0', '0']
+    assert use(NUMBA_CACHE_DIR=str(tmp_path)).stdout.split() == ['36.0', '1']
+
+
+def test_where_nothing_can_be_kept_it_is_compiled_all_the_same(compiled, tmp_path):
+    (tmp_path / 'file').touch()
+    only_there = {'NUMBA_CACHE_LOCATOR_CLASSES': 'UserProvidedCacheLocator'}
+    done = use(NUMBA_CACHE_DIR=str(tmp_path / 'file' / 'folder'), **only_there)
+    assert done.stdout.split() == ['36.0', '0']
 
 
 def test_small_missions_do_not_wait_for_a_compiler():

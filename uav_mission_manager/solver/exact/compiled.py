@@ -16,6 +16,9 @@ from uav_mission_manager.solver.exact.expectations import ExogenousTables
 from uav_mission_manager.solver.exact.kernels import back_up, mix_axes
 from uav_mission_manager.solver.threads import share
 
+WHOLE = 16
+"""Columns that a processor takes at once, at most: spans of columns are widened to these."""
+
 
 class CompiledSweep:
     """Sweeps of W, of a mission with three threat levels.
@@ -94,8 +97,8 @@ class Tables(NamedTuple):
     changes : int array (c, 2)
         Changes in flight in their order: columns from one value to the next, and which value, 0
         or 1, is left; (0, 0) is the drain.
-    chances : float array (2, c)
-        Their probabilities in both modes.
+    chances : float array (2, c, Z)
+        Their probabilities in both modes, 0 in the columns that none leaves.
     alike : int
         How many changes, from the first, are the same in both modes.
     completion : float array (n, Z)
@@ -128,34 +131,37 @@ class Tables(NamedTuple):
     @classmethod
     def of(cls, model: AxisModel) -> Tables:
         """Tables of a model."""
-        n, width, choices = model.sub.n, model.columns // 8, model.choices
+        n, columns, choices = model.sub.n, model.columns, model.choices
         axes = [(0, p) for p in model.failures] + [(1, p) for p in model.losses]
-        changes = [(model.columns >> i, left, p) for i, (left, p) in enumerate(axes, 1)]
+        changes = [(columns >> i, left, p) for i, (left, p) in enumerate(axes, 1)]
         if model.drain.size:
             changes.append((0, 0, model.drain))
         alike = [change for change in changes if np.array_equal(*change[2])]
         changes = alike + [change for change in changes if not np.array_equal(*change[2])]
+        chances = np.zeros((2, len(changes), columns), model.dtype)
+        for step, (after, left, p) in enumerate(changes):
+            if after:
+                chances[:, step, np.arange(columns) // after % 2 == left] = p[:, None]
         costs = model.action_costs
         # Unsigned: an index below 0 would count from the end, which numba would look for.
         spans = np.zeros((len(choices), 3, 2), np.uint64)
         for a in range(len(choices)):
             for level, allowed in enumerate(np.asarray(np.isfinite(costs[:, a]).any(axis=0))):
                 span = hull(allowed)
-                spans[a, level] = (span.start, span.stop) if allowed.any() else (0, 0)
+                ends = span.start // WHOLE * WHOLE, min(-(-span.stop // WHOLE) * WHOLE, columns)
+                spans[a, level] = ends if allowed.any() else (0, 0)
         grid, completion = model.sub.mission.grid, np.broadcast_to(model.completion, (n, 8))
         return cls(
             threat=model.threat,
             price=model.price,
             goal_cells=np.array(model.goal_cells, np.int64),
             changes=np.array([change[:2] for change in changes]),
-            chances=np.array(
-                [p if after else (0, 0) for after, _, p in changes], model.dtype
-            ).T.copy(),
+            chances=chances,
             alike=len(alike),
             drain=model.drain,
             recharged=model.recharged,
             repair=model.repair[()],
-            completion=np.repeat(completion, width, axis=1),
+            completion=np.repeat(completion, columns // 8, axis=1),
             arrivals=model.action_arrivals.astype(np.uint64),
             slots=np.array([-1 if choice.slot is None else choice.slot for choice in choices]),
             spans=spans,

@@ -8,6 +8,8 @@ row is done. Loops run along the columns, which lie side by side.
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 from numba import njit
 
@@ -16,10 +18,21 @@ from uav_mission_manager.mdp.dynamics import ON_GROUND
 MIXED_BYTES = 1 << 18
 """What `mix_axes` works on at a time: a choice; second caches hold it."""
 
+SHORT = 16
+"""Columns side by side that are too few for a loop of their own: a choice."""
+
 GROUND = len(ON_GROUND)
 
 
-@njit(nogil=True)
+def _kept(function):
+    """Compile a function once a machine if numba finds a place to keep it, else once a process."""
+    compiled = njit(nogil=True)(function)
+    with suppress(RuntimeError):
+        compiled.enable_caching()
+    return compiled
+
+
+@_kept
 def mix_axes(source, out, matrices):
     """Expectation along m axes of three of tables (blocks, 3^m, columns), outermost first."""
     blocks, rows, columns = source.shape
@@ -29,8 +42,7 @@ def mix_axes(source, out, matrices):
         for first in range(0, columns, width):
             count = min(width, columns - first)
             for row in range(rows):
-                for j in range(count):
-                    scratch[row, j] = source[block, row, first + j]
+                _copy(source[block, row, first : first + count], scratch[row])
             after = rows
             for m in matrices:
                 after //= 3
@@ -38,19 +50,26 @@ def mix_axes(source, out, matrices):
                 s, t, u = m[1, 0], m[1, 1], m[1, 2]
                 v, w, x = m[2, 0], m[2, 1], m[2, 2]
                 for start in range(0, rows, 3 * after):
-                    for one in range(start, start + after):
-                        two, three = one + after, one + 2 * after
+                    for row in range(start, start + after):
+                        one, two = scratch[row], scratch[row + after]
+                        three = scratch[row + 2 * after]
                         for j in range(count):
-                            a, b, c = scratch[one, j], scratch[two, j], scratch[three, j]
-                            scratch[one, j] = p * a + q * b + r * c
-                            scratch[two, j] = s * a + t * b + u * c
-                            scratch[three, j] = v * a + w * b + x * c
+                            a, b, c = one[j], two[j], three[j]
+                            one[j] = p * a + q * b + r * c
+                            two[j] = s * a + t * b + u * c
+                            three[j] = v * a + w * b + x * c
             for row in range(rows):
-                for j in range(count):
-                    out[block, row, first + j] = scratch[row, j]
+                _copy(scratch[row, :count], out[block, row, first:])
 
 
 @njit(nogil=True)
+def _copy(source, out):
+    """Copy a line to the start of another."""
+    for j in range(len(source)):
+        out[j] = source[j]
+
+
+@_kept
 def back_up(values, first, further, expected, completed, inner, tables):
     """Back up a block of rows from `first` on; return the least and the largest change."""
     q, rows, columns = values.shape
@@ -66,30 +85,20 @@ def back_up(values, first, further, expected, completed, inner, tables):
     for row in range(first, first + height):
         t, g = row // joint, row % joint
         for cell in range(q):
-            for j in range(columns):
-                flown[0, cell, j] = expected[cell, row, j]
+            _copy(expected[cell, row], flown[0, cell])
         after = joint
         for slot in range(n):
             after //= 3
             priorities[slot] = g // after % 3
             without = row // (3 * after) * after + row % after
-            for j in range(columns):
-                flown[0, q + slot, j] = completed[slot, without, j]
+            _copy(completed[slot, without], flown[0, q + slot])
         _fly(flown[0].reshape(-1), flown[1].reshape(-1), room, tables)
         _arrive(arrived, flown, tables.price[:, :, t].copy(), tables)
         _stay(
             arrived[2 * q :], expected[tables.base, row], expected[tables.service, row], t, tables
         )
         for cell in range(q):
-            _choose(
-                least,
-                arrived,
-                priorities,
-                tables.slots,
-                tables.spans,
-                tables.arrivals[cell],
-                tables.costs[cell],
-            )
+            _choose(least, cell, arrived, priorities, tables)
             cost = tables.base_cost[cell % len(tables.base_cost), g]
             _replace(values[cell, row], least, cost, further, low, high)
     return low.min(), high.max()
@@ -98,30 +107,41 @@ def back_up(values, first, further, expected, completed, inner, tables):
 @njit(nogil=True)
 def _fly(normal, agile, room, tables):
     """Expectation over a flight in both modes, in place; `normal` has what there is before."""
-    changes, levels = tables.changes, len(tables.recharged)
-    normal_chances, agile_chances = tables.chances[0], tables.chances[1]
-    normal_drain, agile_drain = tables.drain[0], tables.drain[1]
     for step in range(tables.alike):
-        _change(normal, changes[step], normal_chances[step], normal_drain, levels, room)
-    for j in range(len(normal)):
-        agile[j] = normal[j]
-    for step in range(tables.alike, len(changes)):
-        _change(normal, changes[step], normal_chances[step], normal_drain, levels, room)
-        _change(agile, changes[step], agile_chances[step], agile_drain, levels, room)
+        _change(normal, step, 0, room, tables)
+    _copy(normal, agile)
+    for step in range(tables.alike, len(tables.changes)):
+        _change(normal, step, 0, room, tables)
+        _change(agile, step, 1, room, tables)
 
 
 @njit(nogil=True)
-def _change(values, change, p, drain, levels, before):
+def _change(values, step, mode, before, tables):
     """Expectation over one change in flight, in place."""
-    after, left = change
+    after, left = tables.changes[step, 0], tables.changes[step, 1]
+    chances = tables.chances[mode, step]
     if after == 0:
-        _drain(values, drain, levels, before)
-        return
-    for start in range(0, len(values), 2 * after):
-        stays = values[start + left * after : start + (1 + left) * after]
-        goes = values[start + (1 - left) * after : start + (2 - left) * after]
-        for j in range(after):
-            stays[j] += (goes[j] - stays[j]) * p
+        _drain(values, tables.drain[mode], len(tables.recharged), before)
+    elif after < SHORT and left == 1:
+        _change_next(values, after, chances, before)
+    else:
+        p = chances[left * after]
+        for start in range(0, len(values), 2 * after):
+            stays = values[start + left * after : start + (1 + left) * after]
+            goes = values[start + (1 - left) * after : start + (2 - left) * after]
+            for j in range(after):
+                stays[j] += (goes[j] - stays[j]) * p
+
+
+@njit(nogil=True)
+def _change_next(values, after, chances, before):
+    """Do the same in long loops where few columns lie together; half of the chances are 0."""
+    _copy(values, before)
+    p = chances[after:]
+    for start in range(0, len(values), len(chances)):
+        x, y, goes = values[start + after :], before[start + after :], before[start:]
+        for j in range(len(p)):
+            x[j] = y[j] + (goes[j] - y[j]) * p[j]
 
 
 @njit(nogil=True)
@@ -131,13 +151,16 @@ def _drain(values, drain, levels, before):
         before[j] = values[j]
         values[j] *= drain[0]
     for d in range(1, len(drain)):
-        p = drain[d]
-        for start in range(0, len(values), levels):
-            x, y = values[start : start + levels], before[start : start + levels]
-            for b in range(d):
-                x[b] += y[0] * p
-            for b in range(levels - d):
-                x[b + d] += y[b] * p
+        p, higher = drain[d], values[d:]
+        for j in range(len(higher)):
+            higher[j] += before[j] * p
+    # There the lowest levels read the line before theirs; nothing is drained below level 0.
+    for start in range(0, len(values), levels):
+        for b in range(len(drain) - 1):
+            left = before[start + b] * drain[0]
+            for d in range(1, len(drain)):
+                left += before[start + max(b - d, 0)] * drain[d]
+            values[start + b] = left
 
 
 @njit(nogil=True)
@@ -147,9 +170,9 @@ def _arrive(arrived, flown, price, tables):
     q = len(flown[0]) - n
     for mode in range(2):
         for cell in range(q):
-            p = price[mode, cell]
-            for j in range(flown.shape[2]):
-                arrived[mode * q + cell, j] = flown[mode, cell, j] + p
+            p, x, into = price[mode, cell], flown[mode, cell], arrived[mode * q + cell]
+            for j in range(len(into)):
+                into[j] = x[j] + p
         for slot in range(n):
             cell = tables.goal_cells[slot]
             p, into = price[mode, cell], arrived[2 * q + GROUND + 2 * slot + mode]
@@ -176,14 +199,18 @@ def _stay(arrived, base, service, t, tables):
 
 
 @njit(nogil=True)
-def _choose(least, arrived, priorities, slots, spans, arrivals, costs):
-    """Fill `least` with the least Q, but for what f, r, b and g cost."""
+def _choose(least, cell, arrived, priorities, tables):
+    """Fill `least` with the least Q in a cell, but for what f, r, b and g cost."""
+    slots, spans, arrivals, costs = tables.slots, tables.spans, tables.arrivals, tables.costs
     least[:] = np.inf
     for a in range(len(slots)):
-        level, arrival = priorities[slots[a]], arrivals[a]
-        for j in range(spans[a, level, 0], spans[a, level, 1]):
-            q = arrived[arrival, j] + costs[a, level, j]
-            least[j] = q if q < least[j] else least[j]
+        level = priorities[slots[a]]
+        first, last = spans[a, level, 0], spans[a, level, 1]
+        x = arrived[arrivals[cell, a], first:last]
+        y, lower = costs[cell, a, level, first:last], least[first:last]
+        for j in range(len(lower)):
+            q = x[j] + y[j]
+            lower[j] = q if q < lower[j] else lower[j]
 
 
 @njit(nogil=True)

@@ -47,8 +47,9 @@ tables of that size are a small part of a large card's memory."""
 MIN_THREADED_ENTRIES = 1 << 20
 """Entries of W from which threads pay: measured."""
 
-MIN_COMPILED_ENTRIES = 1 << 22
-"""Entries of W from which compiling the sweep pays, which takes some ten seconds: measured."""
+MIN_COMPILED_ENTRIES = 1 << 21
+"""Entries of W from which the compiled sweep pays: measured. The first time on a machine it has
+to be compiled, which takes some ten seconds or twice that."""
 
 ActionTable = NDArray[np.uint8]
 """Action numbers over W."""
