@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import tempfile
 import time
 from typing import Any
 
@@ -9,6 +11,7 @@ import numpy as np
 
 from parts.machine import best
 from parts.missions import case_study, with_battery
+from uav_mission_manager.mdp import Mission
 from uav_mission_manager.solver.exact import AxisModel, Sweeper, sweep
 from uav_mission_manager.solver.submdp import whole_mission
 from uav_mission_manager.solver.threads import processors
@@ -16,7 +19,12 @@ from uav_mission_manager.solver.threads import processors
 
 def compiled(k: int, battery: bool, dtype: str) -> dict[str, Any]:
     """Seconds of a sweep in both ways, and of compiling, and whether the bits agree."""
-    mission = case_study(k)
+    with tempfile.TemporaryDirectory() as nothing_kept:
+        os.environ['NUMBA_CACHE_DIR'] = nothing_kept
+        return _compiled(case_study(k), battery, dtype)
+
+
+def _compiled(mission: Mission, battery: bool, dtype: str) -> dict[str, Any]:
     model = AxisModel(whole_mission(with_battery(mission) if battery else mission), dtype)
     sweepers = []
     for least in (0, model.sub.entries + 1):

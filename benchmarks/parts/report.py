@@ -267,7 +267,8 @@ def _compiled(found: Found) -> str:
     return f"""\
 Compiled code needs no array for each step. Where numba is installed (`pip install '.[fast]'`), it
 compiles the sweep of missions of {MIN_COMPILED_ENTRIES:,} entries of W or more; smaller ones are
-solved sooner than that takes. A sweep:
+solved sooner than that takes. The code is kept on disk, so it is compiled once on a machine: the
+first solve takes longer by that. A sweep:
 
 {table(head, rows)}"""
 
