@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import resource
 import signal
 from pathlib import Path
@@ -88,22 +89,36 @@ def test_what_was_said_is_there_when_it_has_ended(ros: Ros, tmp_path: Path, numb
         assert (profile.reliability, profile.durability) == (reliability, durability)
 
 
-def test_two_who_offer_otherwise_are_both_heard(ros: Ros, tmp_path: Path) -> None:
-    """First one who latches, so that is asked for; then one who does not."""
+@pytest.mark.parametrize('both_before', [True, False])
+def test_two_who_offer_otherwise_are_both_heard_once(
+    ros: Ros, tmp_path: Path, both_before: bool
+) -> None:
+    """One latches and one does not; who does not may come before the recorder or after it."""
+    bag, numbers = tmp_path / 'bag', itertools.count()
+
+    def heard() -> list[str]:
+        return texts(bag, '/threat_level') if (bag / 'metadata.yaml').exists() else []
+
+    def repeat() -> None:
+        publisher = ros.node.create_publisher(String, 'threat_level', QoSProfile(depth=10))
+        # A publisher may see the recorder before that one hears it.
+        ros.node.create_timer(0.1, lambda: publisher.publish(String(data=str(next(numbers)))))
+
     latched = ros.node.create_publisher(String, 'threat_level', qos.LATCHED)
     latched.publish(String(data='latched'))
-    bag = tmp_path / 'bag'
-
-    def heard() -> set[str]:
-        return set(texts(bag, '/threat_level')) if (bag / 'metadata.yaml').exists() else set()
-
-    record(ros, bag)
-    # Asked for otherwise before it has come, what was latched never comes.
-    ros.until(lambda: heard() == {'latched'}, 'what was latched')
-    volatile = ros.node.create_publisher(String, 'threat_level', QoSProfile(depth=10))
-    # A publisher may see the recorder before that one hears it.
-    ros.node.create_timer(0.1, lambda: volatile.publish(String(data='volatile')))
-    ros.until(lambda: heard() == {'latched', 'volatile'}, 'both')
+    if both_before:
+        repeat()
+    process = record(ros, bag)
+    ros.until(lambda: 'latched' in heard(), 'what was latched')
+    if not both_before:
+        repeat()
+    ros.until(lambda: set(heard()) > {'latched'}, 'both')
+    latched.publish(String(data='latched later'))
+    last = next(numbers)
+    ros.until(lambda: {'latched later', str(last + 1)} <= set(heard()), 'both again')
+    assert process.stop() == 0
+    assert process.lines('incompatible QoS') == []
+    assert len(heard()) == len(set(heard()))
 
 
 def test_killed_it_leaves_a_whole_bag_and_the_next_one_makes_another(

@@ -12,13 +12,13 @@ from typing import Any
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.subscription import Subscription
 
 from uav_mission_manager.nodes.clocks import safety_clock
 from uav_mission_manager.nodes.failures import FatalError, one_line
 from uav_mission_manager.nodes.parameters import NodeParameter, declare
 from uav_mission_manager.nodes.runtime import run_node
 from uav_mission_manager.nodes.topics import TOPICS
+from uav_mission_manager.nodes.vehicle_inputs import NO_EVENTS
 from uav_mission_manager.onboard.recording import Recording, new_folder, require_rosbags
 
 PARAMETERS = (
@@ -40,6 +40,12 @@ SAVE_PERIOD = 0.9
 DEPTH = 1000
 """Messages of a topic that wait for the recorder, at most: a choice, all that a trace keeps."""
 
+REMEMBERED = 2 * DEPTH
+"""Messages of a topic by which one that comes in two ways is known again: as many as can wait."""
+
+Way = tuple[ReliabilityPolicy, DurabilityPolicy]
+"""How a topic is subscribed to."""
+
 
 class MissionRecord(Node):
     """Records a vehicle's topics into a rosbag2 folder, for `mission_replay` and ROS's own tools.
@@ -54,7 +60,8 @@ class MissionRecord(Node):
         path = settings.bag or time.strftime('mission_%Y-%m-%d_%H-%M-%S')
         folder = new_folder(Path.cwd() / path)
         self._recording = Recording(folder)
-        self._subscriptions_by_topic: dict[str, tuple[QoSProfile, Subscription]] = {}
+        self._ways: dict[str, set[Way]] = {}
+        self._recent: dict[str, dict[tuple[int, int], None]] = {}
         # Bags are in order of the system's time, which may be set: from here on, it is not asked.
         self._epoch = time.time_ns() - time.monotonic_ns()
         self._trouble = ''
@@ -78,22 +85,34 @@ class MissionRecord(Node):
         for topic, kind in TOPICS.items():
             name = self.resolve_topic_name(topic)
             offered = [info.qos_profile for info in self.get_publishers_info_by_topic(name)]
-            if not offered:
-                continue
-            wanted = suiting(offered)
-            known = self._subscriptions_by_topic.get(name)
-            if known is None:
+            if offered and name not in self._ways:
                 self._recording.add_topic(name, type_name(kind), recorded_profiles(offered))
-            elif known[0] == wanted:
-                continue
-            else:
-                self.destroy_subscription(known[1])
-            subscription = self.create_subscription(
-                kind, name, partial(self._take, name), wanted, raw=True
-            )
-            self._subscriptions_by_topic[name] = wanted, subscription
+                self._ways[name], self._recent[name] = set(), {}
+            for way in ways_to_hear(offered) - self._ways.get(name, set()):
+                self._subscribe(name, kind, way)
 
-    def _take(self, topic: str, data: bytes) -> None:
+    def _subscribe(self, topic: str, kind: Any, way: Way) -> None:
+        """Hear a topic in one more way; the others stay, for what they wait for may yet come."""
+        self._ways[topic].add(way)
+        reliability, durability = way
+        self.create_subscription(
+            kind,
+            topic,
+            partial(self._take, topic),
+            QoSProfile(reliability=reliability, durability=durability, depth=DEPTH),
+            event_callbacks=NO_EVENTS,
+            raw=True,
+        )
+
+    def _take(self, topic: str, data: bytes, info: dict[str, int]) -> None:
+        """Record a message, once if it comes in two ways."""
+        sent = info['source_timestamp'], info['publication_sequence_number']
+        recent = self._recent[topic]
+        if sent in recent:
+            return
+        recent[sent] = None
+        if len(recent) > REMEMBERED:
+            del recent[next(iter(recent))]
         self._recording.add(topic, self._epoch + time.monotonic_ns(), data)
 
     def _save_often(self) -> None:
@@ -112,14 +131,23 @@ def type_name(kind: Any) -> str:
     return f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}'
 
 
-def suiting(offered: list[QoSProfile]) -> QoSProfile:
-    """Return a profile with which all is heard that is offered in different ways."""
+def ways_to_hear(offered: list[QoSProfile]) -> set[Way]:
+    """Return the ways in which all is heard that is offered in different ones.
+
+    A subscription for what is latched hears nobody who does not latch, and one that hears all
+    gets nothing of what was latched before. Where both are offered, there are two.
+    """
+    latched = [each for each in offered if each.durability == DurabilityPolicy.TRANSIENT_LOCAL]
+    return {suiting(group) for group in (offered, latched) if group}
+
+
+def suiting(offered: list[QoSProfile]) -> Way:
+    """Return a way to hear all who offer so, as far as one is enough."""
     reliable = all(each.reliability == ReliabilityPolicy.RELIABLE for each in offered)
     latched = all(each.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in offered)
-    return QoSProfile(
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-        depth=DEPTH,
+    return (
+        ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
 
 
