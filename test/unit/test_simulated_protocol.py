@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from uav_mission_manager.autopilot import sim_autopilot
 from uav_mission_manager.autopilot.simulator import commands
 from uav_mission_manager.autopilot.simulator.flight import SimulatedFlight
 from uav_mission_manager.autopilot.simulator.frames import HEXA_X, OCTA_X, QUAD_X
@@ -704,3 +707,34 @@ def test_any_numbers_are_survived(number, params, x, frame, mode, name):
     peer.run(1.0)
     for message in MESSAGE_BUILDERS:
         assert peer.get(message).get_msgId() == message
+
+
+class Port:
+    """A port on which a message arrives at a time [s] of the vehicle."""
+
+    def __init__(self, flight, message, time):
+        self.flight, self.time = flight, time
+        self.data = message.pack(mavlink.MAVLink(None, 255, 190))
+
+    def recv(self, size):
+        data = self.data if self.flight.time >= self.time else b''
+        self.data = b'' if data else self.data
+        return data
+
+    def write(self, data):
+        """Nobody is interested."""
+
+
+def test_a_stall_is_made_up_for_with_open_ears(monkeypatch):
+    """At a speed-up of 10 a quarter of a second is 2.5 s, but not after the ground slows it."""
+    flight = SimulatedFlight(SimulatedOrigin(47.0, 8.0, 400.0))
+    flight.parameters['SIM_SPEEDUP'] = 10.0
+    slower = mavlink.MAVLink_param_set_message(1, 1, b'SIM_SPEEDUP', 1.0, 9)
+    clock = SimpleNamespace(
+        monotonic=Mock(side_effect=(0.0, 0.25)),
+        sleep=Mock(side_effect=(None, KeyboardInterrupt)),
+    )
+    monkeypatch.setattr(sim_autopilot, 'time', clock)
+    with pytest.raises(KeyboardInterrupt):
+        sim_autopilot._run(flight, [Port(flight, slower, 1.0)], 1, False)
+    assert flight.time == pytest.approx(1.0 + 0.15, abs=2 * DT)

@@ -71,22 +71,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(flight: SimulatedFlight, ports: Sequence[Any], system: int, camera: bool) -> None:
-    """Let simulated time follow wall time, for ever."""
+    """Let simulated time follow wall time, for ever.
+
+    What arrives is heard before each step: after a stall many are made at once.
+    """
     links = [SimulatedLink(port, system) for port in ports]
     autopilot = SimulatedAutopilot(flight, links, system, camera)
-    owed, last = 0.0, time.monotonic()
-    while True:
-        speedup = flight.parameters['SIM_SPEEDUP']
-        time.sleep(min(max(SIMULATION_STEP / speedup, MIN_SLEEP), MAX_SLEEP))
+
+    def hear() -> None:
         for port, link in zip(ports, links, strict=True):
             for data in read_port(port):
                 autopilot.receive(link, data)
+
+    def step_time() -> float:
+        return SIMULATION_STEP / flight.parameters['SIM_SPEEDUP']
+
+    owed, last = 0.0, time.monotonic()
+    while True:
+        time.sleep(min(max(step_time(), MIN_SLEEP), MAX_SLEEP))
         now = time.monotonic()
-        owed += min(now - last, MAX_CATCH_UP_TIME) * speedup
+        owed += min(now - last, MAX_CATCH_UP_TIME)
         last = now
-        while owed >= SIMULATION_STEP:
+        hear()
+        while owed >= step_time():
+            owed -= step_time()
             autopilot.step(SIMULATION_STEP)
-            owed -= SIMULATION_STEP
+            hear()
 
 
 def _parser() -> argparse.ArgumentParser:
