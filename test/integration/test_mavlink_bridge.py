@@ -54,16 +54,22 @@ def test_a_goal_a_weak_motor_a_repair_and_home(chain):
 
 
 def test_a_new_command_retargets_and_agile_is_faster(chain):
+    """By itself the autopilot is slow: what is flown faster was commanded, however late."""
+
     def fastest() -> float:
-        return max(math.hypot(m.twist.twist.linear.x, m.twist.twist.linear.y) for m in flight.odom)
+        speeds = (math.hypot(m.twist.twist.linear.x, m.twist.twist.linear.y) for m in flight.odom)
+        return max(speeds, default=0.0)
 
     flight = chain(goal_dwell=100.0)
+    flight.set('WPNAV_SPEED', 200.0)
     flight.command = 'commit goal1 normal'
+    flight.until(lambda: fastest() > 4.0, 'cruising at 5 m/s')
     flight.until(lambda: flight.distance(GOAL1) < 30.0, 'nearly there')
-    assert 4.0 < fastest() < 6.0
+    assert fastest() < 6.0
     flight.command = 'commit goal2 agile'
+    flight.until(lambda: fastest() > 8.0, 'flying at 10 m/s')
     flight.until(lambda: flight.distance(GOAL2) < 3.0, 'goal2')
-    assert 8.0 < fastest() < 11.0
+    assert fastest() < 11.0
     assert not flight.completed
     flight.command = 'recharge'
     flight.until_down_at(SERVICE)
