@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import socket
-import time
 from pathlib import Path
 
 import pytest
@@ -32,6 +31,9 @@ def silent_server() -> socket.socket:
         WAITING.append(peer)
     return server
 
+
+PROMPT_TIME = 20.0
+"""Seconds for what takes a few, on a busy machine; whatever waits for the link takes for ever."""
 
 WAITING: list[socket.socket] = []
 
@@ -68,10 +70,7 @@ def test_hold_diagnostics_and_the_end_do_not_wait(ros: Ros, server, connection):
     ros.until(lambda: diagnostics, 'diagnostics')
     answer = ros.call('mavlink_bridge/hold')
     assert 'holds when it is back' in answer.message
-    count, began = len(diagnostics), time.monotonic()
-    ros.until(lambda: len(diagnostics) >= count + 4, 'diagnostics, every second')
-    assert time.monotonic() - began < 8.0
-    began = time.monotonic()
+    count = len(diagnostics)
+    ros.until(lambda: len(diagnostics) >= count + 4, 'diagnostics, every second', PROMPT_TIME)
     bridge.process.send_signal(signal.SIGTERM)
-    assert bridge.wait() == 0
-    assert time.monotonic() - began < 2.0
+    assert bridge.process.wait(PROMPT_TIME) == 0

@@ -113,13 +113,15 @@ def test_a_stamp_counts_on_both_sides(
 ) -> None:
     flight.stamp_offsets[topic] = 0.0
     flight.until_diagnosis('link', DiagnosticStatus.OK, 'fresh')
+    begun = time.monotonic()
     flight.stamp_offsets[topic] = seconds
     flight.until_diagnosis('inputs', DiagnosticStatus.WARN, f'{topic}: stamped')
     flight.until_diagnosis('link', DiagnosticStatus.ERROR, f'link lost: {topic}')
-    said = len(flight.commands)
+    count = len(flight.commands)
     ros.spin(1.5)
-    assert len(flight.commands) == said
-    assert len(manager.lines(f'{topic}: stamped')) <= 3
+    assert len(flight.commands) == count
+    said = len(manager.lines(f'{topic}: stamped'))
+    assert said <= 1 + (time.monotonic() - begun) / QUIET_TIME
     flight.commands.clear()
     flight.stamp_offsets[topic] = 0.0
     flight.until_command('commit goal1 normal')

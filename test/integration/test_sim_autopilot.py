@@ -192,11 +192,13 @@ def test_ground_station_flies_a_mission(simulator, station):
 
     goal = LATITUDE + 0.003, LONGITUDE
     assert station.command(mavlink.MAV_CMD_DO_REPOSITION, -1, 0, 0, 0, *goal, 20) == 3
-    assert station.reposition(*goal, 20) == 0
+    far = LATITUDE + 0.02, LONGITUDE  # Not to be reached before the speed is changed.
+    assert station.reposition(*far, 20) == 0
     station.until(lambda: station.speed() > 9.5, 'does not reach 10 m/s')
     assert station.command(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 5, -1) == 0
     station.until(lambda: station.speed() < 5.5, 'does not slow down')
-    assert station.distance(*goal) > 30.0
+    assert station.distance(*far) > 30.0
+    assert station.reposition(*goal, 20) == 0
     station.until(lambda: station.distance(*goal) < 1.0, 'does not arrive')
 
     station.set_parameter('SIM_ENGINE_FAIL', 1)
