@@ -183,7 +183,7 @@ class AxisModel:
     @cached_property
     def _largest_costs(self) -> float:
         costs = (self.base_cost, self.price, *(choice.cost for choice in self.choices))
-        return sum(float(np.abs(cost).max(initial=0.0, where=np.isfinite(cost))) for cost in costs)
+        return sum(max(map(_largest, cost)) for cost in costs)  # By cells: b is large.
 
     def _array(self, values: Any) -> RealArray:
         return np.array(values, dtype=self.dtype)
@@ -248,6 +248,11 @@ class AxisModel:
     def state_values(self, values: RealArray, states: IntArray) -> FloatArray:
         """V(s) of global states, shape (N,)."""
         return values[self.locate(states)] + self.reduced.mode_costs(states)
+
+
+def _largest(costs: RealArray) -> float:
+    """Largest magnitude that is finite."""
+    return float(np.abs(costs).max(initial=0.0, where=np.isfinite(costs)))
 
 
 def hull(flags: ArrayLike) -> slice:
