@@ -16,7 +16,7 @@ from uav_mission_manager.solver.exact.expectations import ExogenousTables
 from uav_mission_manager.solver.exact.kernels import back_up, mix_axes
 from uav_mission_manager.solver.threads import share
 
-WHOLE = 16
+LANES = 16
 """Columns that a processor takes at once, at most: spans of columns are widened to these."""
 
 
@@ -148,7 +148,7 @@ class Tables(NamedTuple):
         for a in range(len(choices)):
             for level, allowed in enumerate(np.asarray(np.isfinite(costs[:, a]).any(axis=0))):
                 span = hull(allowed)
-                ends = span.start // WHOLE * WHOLE, min(-(-span.stop // WHOLE) * WHOLE, columns)
+                ends = span.start // LANES * LANES, min(-(-span.stop // LANES) * LANES, columns)
                 spans[a, level] = ends if allowed.any() else (0, 0)
         grid, completion = model.sub.mission.grid, np.broadcast_to(model.completion, (n, 8))
         return cls(
