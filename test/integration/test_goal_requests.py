@@ -258,6 +258,8 @@ def test_where_no_slot_is_free_a_goal_is_added_and_the_base_station_learns_of_it
     ros.until(lambda: held([0, 0, 0, 2]), 'what was asked for')
     assert not wished([0, 1])
     assert not wished([0, 1, 0, 2, 1])
+    # Armed without a bridge on the ground, the autopilot would disarm by itself, and wait.
+    ros.until(lambda: chain.track[-1][2] > 2.0, 'in the air')
     for process in chain.bridge, chain.base:
         killed(process)
     chain.start_bridge()
