@@ -127,6 +127,10 @@ class Chain:
 
         self.ros.until(done, what)
 
+    def until_in_the_air(self) -> None:
+        """Armed on the ground without a bridge, the autopilot disarms by itself: a pilot's act."""
+        self.ros.until(lambda: self.track and self.track[-1][2] > 2.0, 'in the air')
+
     def until_done(self, goal: str) -> None:
         def done() -> bool:
             return goal in [message.data for message in self.completed]
@@ -217,6 +221,7 @@ def test_a_requested_goal_outlives_all_nodes(chain: Chain, tmp_path: Path) -> No
     chain.until_placed(cell=PLACE, name='tree', worth=10.0)
     journal = tmp_path / 'uav_mission_manager' / 'state' / 'mavlink_bridge.journal'
     chain.ros.until(lambda: 'built.goals1' in journal.read_text(), "the bridge's journal")
+    chain.until_in_the_air()
     for process in chain.solver, chain.bridge, chain.manager:
         killed(process)
     chain.start_bridge()
@@ -258,8 +263,7 @@ def test_where_no_slot_is_free_a_goal_is_added_and_the_base_station_learns_of_it
     ros.until(lambda: held([0, 0, 0, 2]), 'what was asked for')
     assert not wished([0, 1])
     assert not wished([0, 1, 0, 2, 1])
-    # Armed without a bridge on the ground, the autopilot would disarm by itself, and wait.
-    ros.until(lambda: chain.track[-1][2] > 2.0, 'in the air')
+    chain.until_in_the_air()
     for process in chain.bridge, chain.base:
         killed(process)
     chain.start_bridge()
