@@ -7,6 +7,7 @@ plan's sub-MDPs, and the policy recombines them.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -180,16 +181,21 @@ class _TooSlowError(Exception):
 
 
 class _Clock:
-    """Progress that ends an exact solution which the first sweeps show to take too long."""
+    """Progress that ends an exact solution which the first sweeps show to take too long.
+
+    It counts from the first sweep on: before it the sweep may have been compiled.
+    """
 
     def __init__(self, job: Job) -> None:
-        self.job, self.start = job, time.monotonic()
+        self.job, self.start, self.done = job, math.inf, 0.0
 
     def __call__(self, report: Report) -> None:
         self.job.progress(report)
+        if math.isinf(self.start):
+            self.start, self.done = time.monotonic(), report.done
         elapsed = time.monotonic() - self.start
         if self.job.checkpoint is None and elapsed > CALIBRATION_SECONDS:
-            seconds = elapsed / max(report.done, 1e-3)
+            seconds = elapsed / max(report.done - self.done, 1e-3)
             if (
                 seconds > prediction.MAX_EXACT_SECONDS
                 and seconds - elapsed > prediction.MAX_EXACT_SECONDS / 4
