@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from unittest.mock import Mock
+
 import pytest
 from strategies import case_study
 
@@ -9,6 +11,7 @@ from uav_mission_manager import build_policy
 from uav_mission_manager.mdp import mission_from_dict
 from uav_mission_manager.policy import build, prediction
 from uav_mission_manager.solver import memory
+from uav_mission_manager.solver.progress import Report
 
 
 @pytest.fixture
@@ -99,3 +102,13 @@ def test_the_default_makes_the_same_bytes_twice(tmp_path):
     files = [sorted((tmp_path / name).iterdir()) for name in 'ab']
     assert [file.name for file in files[0]] == [file.name for file in files[1]]
     assert [file.read_bytes() for file in files[0]] == [file.read_bytes() for file in files[1]]
+
+
+def test_the_time_before_the_first_sweep_ends_does_not_count(monkeypatch):
+    times = iter([1000.0, 1000.0, 1010.0, 1600.0])
+    monkeypatch.setattr(build, 'time', Mock(monotonic=lambda: next(times)))
+    clock = build._Clock(Mock(checkpoint=None))
+    clock(Report(1, 0.01, 'a sweep, compiled first'))
+    clock(Report(2, 0.50, 'soon'))
+    with pytest.raises(build._TooSlowError, match='by its first 3 sweeps'):
+        clock(Report(3, 0.51, 'slow after all'))
